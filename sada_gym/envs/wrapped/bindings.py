@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -11,12 +12,22 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from sada_gym.arrays import as_array
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
-from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
+from sada_gym.envs.wrapped.paths import (
+    MISSING,
+    is_shared,
+    names_several,
+    no_such_path,
+    read,
+    scale,
+    write,
+)
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_known, explained
 from sada_gym.parameters import Parameter
 
+_ALL = ", or all by [:] at its end"
 _NAMED_VALUES = 12
 """Whole numbers are named one by one on axes where there are at most so many."""
 
@@ -246,11 +257,15 @@ class Attribute(ParameterBinding):
     have been made before.
 
     Attributes:
-        paths: One or several paths, such as `length`, `model.opt.timestep` or
-            `model.body_mass[1]`. Each gets the value; None takes the parameter's name.
+        paths: One or several paths, such as `length`, `model.opt.timestep`, `model.body_mass[1]`,
+            `model.geom_friction[:,0]` or `params["mass"]`. Each gets the value, and so does each
+            entry of a slice; None takes the parameter's name.
+        factor: Whether the value is a factor of what is there when the environment is made, or put
+            there by its reset: a number, or each one of an array.
     """
 
     paths: str | tuple[str, ...] | None = None
+    factor: bool = False
 
     def targets(self, name: str) -> tuple[str, ...]:
         """Return the paths."""
@@ -269,22 +284,63 @@ class Attribute(ParameterBinding):
                     f"Expected a value at {path!r} of {factory.name} for {name!r}, got a function. "
                     "Name an attribute that holds a number."
                 )
-            if (isinstance(value, np.ndarray) and value.ndim) or isinstance(value, list | dict):
+            has_many = (isinstance(value, np.ndarray) and value.ndim) or isinstance(value, list)
+            if isinstance(value, dict) or (has_many and not (self.factor or names_several(path))):
                 raise UserError(
                     f"Expected a single value at {path!r} of {factory.name}, got "
                     f"{type(value).__name__} of length {len(value)}. Name one entry, such as "
-                    f"'{path}[0]'."
+                    f"{_entry_of(path, value)!r}{'' if isinstance(value, dict) else _ALL}."
                 )
+            if self.factor or has_many:
+                self._check_numbers(name, path, value, factory)
+        if self.factor:
+            self._check_unshared(name, factory, env)
+
+    def _check_unshared(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
+        with closing(factory.make({})) as other:
+            other.reset(seed=0)
+            for path in self.targets(name):
+                if is_shared(env.unwrapped, other.unwrapped, path):
+                    raise UserError(
+                        f"Expected each {factory.name} to have a {path!r} of its own, because "
+                        f"{name!r} multiplies it, but two share it. Copy it in the constructor."
+                    )
+
+    def _check_numbers(self, name: str, path: str, value: Any, factory: EnvFactory) -> None:
+        numbers = as_array(value, f"what is at {path!r}")
+        if not numbers.size:
+            raise UserError(
+                f"Expected an entry at {path!r} of {factory.name} for {name!r}, got none. Mend the "
+                "slice."
+            )
+        if numbers.dtype.kind not in "iuf":
+            raise UserError(
+                f"Expected numbers at {path!r} of {factory.name} for {name!r}, got {value!r}. Name "
+                "an attribute that holds a number, or an array of them."
+            )
+        if isinstance(value, np.ndarray) and numbers.dtype.kind in "iu" and not self.integer:
+            raise UserError(
+                f"Expected numbers with a fraction at {path!r} of {factory.name} for {name!r}, got "
+                f"{numbers.dtype}, which would round them. Write integer=True."
+            )
 
     def present(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> Any:  # noqa: ARG002
-        """Return the attribute's value; None where several differ."""
-        values = [_plain(read(env.unwrapped, path)) for path in self.targets(name)]
+        """Return the attribute's value, or the factor 1; None where several values differ."""
+        if self.factor:
+            return 1
+        values: list[Any] = []
+        for path in self.targets(name):
+            value = read(env.unwrapped, path)
+            values += np.ravel(value).tolist() if names_several(path) else [_plain(value)]
         return values[0] if all(value == values[0] for value in values) else None
 
     def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Set the attributes that exist, and after the reset those that it made or changed."""
         for path in self.targets(name):
-            write(env, path, value, must_exist=after_reset)
+            if self.factor:
+                scale(env, path, value, after_reset=after_reset)
+            else:
+                write(env, path, value, must_exist=after_reset)
 
 
 @dataclass(frozen=True)
@@ -338,6 +394,10 @@ def as_binding(name: str, given: Any, factory: EnvFactory) -> ParameterBinding:
             f"{name!r}, got {given!r}."
         )
     return Keyword(*given) if name in factory.keywords else Attribute(*given)
+
+
+def _entry_of(path: str, value: Any) -> str:
+    return f'{path}["{next(iter(value), "key")}"]' if isinstance(value, dict) else f"{path}[0]"
 
 
 def _plain(value: Any) -> Any:

@@ -1,82 +1,216 @@
-"""Paths of attributes, such as `model.body_mass[1]`: reading and setting what they name."""
+"""Paths of attributes, such as `model.body_mass[1]`: what they name is read, set and scaled."""
 
 from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from sada_gym.arrays import Bools
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import InvalidWorld, UserError, explained
 
-_PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_ENTRY = re.compile(r"""\[(?:"([^"]*)"|'([^']*)'|([^\]\["']*))\]""")
+_INDEX = re.compile(r"\s*(-?\d+)?\s*(?:(:)\s*(-?\d+)?\s*(?::\s*(-?\d+)?)?)?\s*")
 
 MISSING = object()
 """What `read` returns where a path leads nowhere."""
 
+_ALL = np.ones((), np.bool_)
+_CONTAINERS = (list, dict, np.ndarray)
+_BEFORE_RESET = "_sada_gym_before_reset"
+_CHANGED = "_sada_gym_changed_by_reset"
 
-def _steps(path: str) -> list[str | int]:
-    steps: list[str | int] = []
-    for part in path.split("."):
-        match = _PART.fullmatch(part)
+
+@dataclass(frozen=True)
+class _Entry:
+    """A step of a path in brackets: a key, an index, a slice, or a tuple of these."""
+
+    at: Any
+
+    @property
+    def is_several(self) -> bool:
+        """Whether it has a slice."""
+        return any(
+            isinstance(i, slice) for i in (self.at if isinstance(self.at, tuple) else [self.at])
+        )
+
+
+def _steps(path: str) -> list[str | _Entry]:
+    steps: list[str | _Entry] = []
+    rest = f".{path}"
+    while rest:
+        name = _NAME.match(rest, 1) if rest[0] == "." else None
+        entry = _ENTRY.match(rest) if steps else None
+        match = name or entry
         if match is None:
-            raise UserError(
-                f"Expected an attribute such as 'length', 'model.opt.timestep' or "
-                f"'model.body_mass[1]', got {path!r}."
-            )
-        steps += [match[1], *map(int, re.findall(r"-?\d+", match[2]))]
+            raise _no_path(path)
+        steps.append(match[0] if entry is None else _Entry(_place(entry, path)))
+        rest = rest[match.end() :]
     return steps
 
 
-def _get(holder: Any, step: str | int) -> Any:
+def _place(entry: re.Match[str], path: str) -> Any:
+    key = entry[1] if entry[1] is not None else entry[2]
+    if key is not None:
+        return key
+    places: list[int | slice] = []
+    for text in entry[3].split(","):
+        match = _INDEX.fullmatch(text)
+        if match is None or not text.strip() or int(match[4] or 1) == 0:
+            raise _no_path(path)
+        first, stop, step = (None if n is None else int(n) for n in match.group(1, 3, 4))
+        places.append(slice(first, stop, step) if match[2] else int(match[1]))
+    return places[0] if len(places) == 1 else tuple(places)
+
+
+def _no_path(path: str) -> UserError:
+    return UserError(
+        "Expected an attribute such as 'length', 'model.opt.timestep', 'model.body_mass[1]', "
+        f"'model.geom_friction[:,0]' or 'params[\"mass\"]', got {path!r}."
+    )
+
+
+def _get(holder: Any, step: str | _Entry) -> Any:
     try:
-        return getattr(holder, step) if isinstance(step, str) else holder[step]
+        key = step.at if isinstance(step, _Entry) else step
+        if isinstance(holder, Mapping) and key in holder:
+            return holder[key]
+        return getattr(holder, step) if isinstance(step, str) else holder[key]
     except (AttributeError, IndexError, KeyError, TypeError):
         return MISSING
 
 
 def read(env: Any, path: str) -> Any:
-    """Return what a path names, or `MISSING`."""
+    """Return what a path names, or `MISSING`.
+
+    A name after a dot is an attribute, or the entry of that name where a dictionary holds it.
+    """
     value = env
     for step in _steps(path):
         value = _get(value, step)
     return value
 
 
+def is_shared(env: Any, other: Any, path: str) -> bool:
+    """Say whether two environments hold the same object on the way to what a path names.
+
+    What their class holds does not count: `write` and `scale` copy it.
+    """
+    first, *rest = _steps(path)
+    one, two = _get(env, first), _get(other, first)
+    if isinstance(first, str) and first not in vars(env) and isinstance(one, _CONTAINERS):
+        return False
+    for step in [*rest, None]:
+        if one is two and (step is not None or isinstance(one, _CONTAINERS)):
+            return True
+        if step is not None:
+            one, two = _get(one, step), _get(two, step)
+    return False
+
+
+def names_several(path: str) -> bool:
+    """Say whether a path ends in a slice, as in `model.body_mass[:]`."""
+    last = _steps(path)[-1]
+    return isinstance(last, _Entry) and last.is_several
+
+
 def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
     """Set a value where it is not set yet; unless it must exist, a missing one is left alone.
 
-    It raises `UserError` if the path leads nowhere, or cannot be set.
+    All entries of a slice get the value. It raises `UserError` if the path leads nowhere, or cannot
+    be set.
     """
+    current = _current(env, path, must_exist=must_exist)
+    if current is not MISSING and not (must_exist and np.all(_equal(current, value))):
+        _set(env, path, _filled(current, value) if names_several(path) else value)
+
+
+def scale(env: Any, path: str, factor: float, *, after_reset: bool) -> None:
+    """Multiply what a path names by a factor, before a reset and once more where that changed it.
+
+    Several factors may act on one value; each acts once.
+    """
+    current = _current(env, path, must_exist=after_reset)
+    if current is MISSING:
+        return
+    if not after_reset:
+        _set(env, path, _scaled(current, factor, _ALL))
+        noted: dict[str, Any] = vars(env).setdefault(_BEFORE_RESET, {})
+        noted[path] = None
+        noted.update({known: deepcopy(read(env, known)) for known in noted})
+        return
+    if _CHANGED not in vars(env):  # before the first factor acts
+        noted = vars(env).get(_BEFORE_RESET, {})
+        changed = {known: ~_equal(read(env, known), old) for known, old in noted.items()}
+        setattr(env, _CHANGED, changed)
+    is_new = vars(env)[_CHANGED].get(path, _ALL)
+    if np.any(is_new):
+        _set(env, path, _scaled(current, factor, is_new))
+
+
+def _current(env: Any, path: str, *, must_exist: bool) -> Any:
+    current = read(env, path)
+    if current is MISSING and must_exist:
+        raise UserError(
+            f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
+            "by a function of your own, Function(low, high, set=...)."
+        )
+    return current
+
+
+def _set(env: Any, path: str, value: Any) -> None:
     first, *_ = steps = _steps(path)
-    if len(steps) > 1 and isinstance(first, str) and first not in vars(env):
+    if isinstance(first, str) and first not in vars(env) and (len(steps) > 1 or _has_many(value)):
         shared = getattr(type(env), first, None)
-        if isinstance(shared, list | dict | np.ndarray):  # of the class: other episodes share it
+        if isinstance(shared, _CONTAINERS):  # of the class: other episodes share it
             setattr(env, first, deepcopy(shared))
     holder, last = env, steps[-1]
     for step in steps[:-1]:
         holder = _get(holder, step)
-    current = _get(holder, last)
-    if current is MISSING:
-        if must_exist:
-            raise UserError(
-                f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
-                "by a function of your own, Function(low, high, set=...)."
-            )
-        return
-    if must_exist and current == value:
-        return
     mend = "Name another attribute, or set it by Function(low, high, set=...)."
     with explained(f"Expected {path!r} to be settable to {value!r}", mend, InvalidWorld):
-        if isinstance(last, str):
-            setattr(holder, last, value)
+        if isinstance(last, _Entry):
+            holder[last.at] = value
+        elif isinstance(holder, Mapping) and last in holder:
+            holder[last] = value  # type: ignore[index]
+        elif isinstance(current := getattr(holder, last, None), np.ndarray) and current.ndim:
+            current[...] = value  # others may hold the same array
         else:
-            holder[last] = value
+            setattr(holder, last, value)
+
+
+def _has_many(value: Any) -> bool:
+    return isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
+def _filled(current: Any, value: Any) -> Any:
+    return [_filled(item, value) for item in current] if isinstance(current, list) else value
+
+
+def _scaled(current: Any, factor: float, where: Bools) -> Any:
+    if isinstance(current, list):
+        # where it is a single truth, it holds for all
+        parts = np.broadcast_to(where, np.shape(current))
+        return [_scaled(item, factor, part) for item, part in zip(current, parts, strict=True)]
+    if isinstance(current, np.ndarray) and current.ndim:
+        return np.where(where, current * factor, current)
+    return current * factor if where else current
+
+
+def _equal(current: Any, value: Any) -> Bools:
+    """Say of each entry of a list or an array, or of one value, whether it is equal."""
+    if _has_many(current):
+        return np.asarray(np.asarray(current) == value, np.bool_)
+    return np.asarray(bool(np.all(current == value)))
 
 
 def no_such_path(name: str, path: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> UserError:

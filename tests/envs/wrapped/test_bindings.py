@@ -77,7 +77,10 @@ def test_a_path_that_leads_nowhere_gets_a_sentence(path):
         cart_pole(make_reader, parameters={"here": Attribute(0.0, 1.0, path)})
 
 
-@pytest.mark.parametrize("path", ["", "a..b", "a[x]", "a b"])
+@pytest.mark.parametrize(
+    "path",
+    ["", "a..b", "a[x]", "a b", "a.", "[0]", "a[]", "a[0,]", "a[::0]", "a['x]", "a[0]b", "a[1.5]"],
+)
 def test_a_path_that_is_none_gets_a_sentence(path):
     with pytest.raises(ValueError, match="an attribute such as 'length'"):
         cart_pole(parameters={"here": Attribute(0.0, 1.0, path)})
@@ -326,3 +329,120 @@ def test_gravity_of_cart_pole_is_known_and_no_score_depends_on_what_is_nominal()
 def test_a_nominal_value_outside_the_range_gets_a_sentence(binding):
     with pytest.raises(ValueError, match=r"nominal of 'it' to be (one of|from) .* got"):
         cart_pole(parameters={"it": binding})
+
+
+SHARED = {"mass": 2.0}
+
+
+class Rigged(Reach):
+    """It holds arrays, lists and dictionaries of numbers."""
+
+    lengths = [1.0, 2.0]  # noqa: RUF012 - the class shares it
+
+    def __init__(self):
+        super().__init__()
+        self.masses = np.array([1.0, 2.0, 0.0])
+        self.friction = np.ones((3, 2), np.float32)
+        self.gains = [[1.0, 2.0], [3.0, 4.0]]
+        self.params = {"mass": 2.0, "a.b": 1.0, "inner": {"mass": 4.0}}
+        self.shared = SHARED
+        self.counts = np.array([1, 2])
+        self.names = ["a", "b"]
+        self.drawn = self.rebuilt = 1.0
+
+    def reset(self, **kwargs):
+        result = super().reset(**kwargs)
+        self.rebuilt = 1.0
+        self.drawn = self.np_random.uniform(1.0, 2.0)
+        self.masses[1] = 2.0
+        return result
+
+
+def rigged(*mu, seed=0, **parameters):
+    """The environment of one episode in the world of mu."""
+    return env_at(reach(Rigged, parameters=parameters), list(mu), seed)
+
+
+@pytest.mark.parametrize(
+    ("path", "read", "expected"),
+    [
+        ("masses[:]", "masses", [3.0, 3.0, 3.0]),
+        ("masses[1:]", "masses", [1.0, 3.0, 3.0]),
+        ("masses[-1]", "masses", [1.0, 2.0, 3.0]),
+        ("friction[0,1]", "friction", [[1, 3], [1, 1], [1, 1]]),
+        ("friction[:, 0]", "friction", [[3, 1], [3, 1], [3, 1]]),
+        ("friction[::2,0]", "friction", [[3, 1], [1, 1], [3, 1]]),
+        ("friction[2][1]", "friction", [[1, 1], [1, 1], [1, 3]]),
+        ("gains[1][0]", "gains", [[1.0, 2.0], [3.0, 4.0]]),
+        ("gains[1:]", "gains", [[1.0, 2.0], [3.0, 3.0]]),
+        ("lengths[:]", "lengths", [3.0, 3.0]),
+        ('params["mass"]', "params['mass']", 3.0),
+        ("params['a.b']", "params['a.b']", 3.0),
+        ("params.mass", "params['mass']", 3.0),
+        ("params.inner.mass", "params['inner']['mass']", 3.0),
+    ],
+)
+def test_a_path_may_have_slices_and_keys(path, read, expected):
+    env = rigged(1.0, it=Attribute(1.0, 3.0, path))
+    value = eval(f"env.{read}", {"env": env})
+    assert np.array_equal(value, expected)
+    assert Rigged.lengths == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("path", "read", "expected"),
+    [
+        ("masses[:]", "masses", [2.0, 4.0, 0.0]),
+        ("masses", "masses", [2.0, 4.0, 0.0]),
+        ("friction[:,1]", "friction", [[1, 2], [1, 2], [1, 2]]),
+        ("gains", "gains", [[2.0, 4.0], [6.0, 8.0]]),
+        ("gains[0][:]", "gains", [[2.0, 4.0], [3.0, 4.0]]),
+        ("lengths", "lengths", [2.0, 4.0]),
+        ("params.inner.mass", "params['inner']['mass']", 8.0),
+        ("rebuilt", "rebuilt", 2.0),
+        ("wind", "wind", 0.0),
+    ],
+)
+def test_a_factor_acts_once_on_what_is_there(path, read, expected):
+    application = reach(Rigged, parameters={"it": Attribute(0.5, 2.0, path, factor=True)})
+    for _ in range(3):
+        env = env_at(application, [1.0])
+        assert np.array_equal(eval(f"env.{read}", {"env": env}), expected)
+    assert application.parameters.physical(application.nominal) == pytest.approx([1.0])
+    assert Rigged.lengths == [1.0, 2.0]
+
+
+def test_a_factor_acts_on_what_a_reset_draws():
+    plain = rigged(0.0, wind=(-0.1, 0.1), seed=3)
+    assert rigged(1.0, drawn=Attribute(0.5, 2.0, factor=True), seed=3).drawn == 2.0 * plain.drawn
+
+
+def test_factors_that_meet_act_once_each():
+    env = rigged(
+        1.0,
+        1.0,
+        all=Attribute(0.5, 2.0, "masses[:]", factor=True),
+        one=Attribute(0.5, 3.0, "masses[0:2]", factor=True),
+    )
+    assert env.masses.tolist() == [6.0, 12.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("binding", "message"),
+    [
+        (Attribute(0.5, 2.0, "masses"), r"Name one entry, such as 'masses\[0\]', or all by \[:\]"),
+        (Attribute(0.5, 2.0, "params"), r"Name one entry, such as 'params\[\"mass\"\]'"),
+        (Attribute(0.5, 2.0, "params", factor=True), "Name one entry"),
+        (Attribute(0.5, 2.0, "masses[5:]"), r"an entry at 'masses\[5:\]' .* Mend the slice"),
+        (Attribute(0.5, 2.0, "names[:]"), r"numbers at 'names\[:\]'"),
+        (Attribute(0.5, 2.0, "names[0]", factor=True), r"numbers at 'names\[0\]'"),
+        (Attribute(0.5, 2.0, "counts", factor=True), r"int64, which would round them"),
+        (Attribute(0.5, 2.0, "gains[0,1]"), r"found no 'gains\[0,1\]'"),
+        (Attribute(0.5, 2.0, "params.speed"), "found no 'params.speed'"),
+        (Attribute(0.5, 2.0, "shared.mass", factor=True), "but two share it"),
+    ],
+)
+def test_what_cannot_be_set_or_scaled_gets_a_sentence(binding, message):
+    with pytest.raises(ValueError, match=message):
+        rigged(0.0, it=binding)
+    assert SHARED == {"mass": 2.0}

@@ -65,6 +65,20 @@ def pole(tmp_path, model):
     return tmp_path / "pole.toml"
 
 
+def test_parameters_may_be_logarithmic_factors_in_slices(pole):
+    tables = """
+masspole = { kind = "attribute", low = 0.1, high = 10, log = true, nominal = 0.5 }
+state = { kind = "attribute", low = 0.5, high = 2, factor = true, paths = "state[2:]" }
+"""
+    pole.write_text(POLE.replace("gravity = [5, 20.0]", tables))
+    application = read_application(pole)
+    mass = application.parameters.parameters[0]
+    assert (mass.low, mass.high, mass.log) == (0.1, 10.0, True)
+    assert application.settings["parameters"]["state"]["factor"] is True
+    nominal = application.parameters.physical(application.nominal)
+    assert nominal == pytest.approx([0.5, 1.0, 0.5, 0.0], abs=1e-6)
+
+
 def test_a_file_means_what_the_constructor_means(pole, model):
     read = read_application(pole)
     made = GymnasiumApplication(
