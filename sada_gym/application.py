@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, real_scores
+from sada_gym.arrays import Floats, Floats32, real_scores
 from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
@@ -171,6 +171,11 @@ class Application(ABC):
 
         The others are never computed, and no test sample is drawn there.
         """
+        return None
+
+    @property
+    def nominal(self) -> Floats32 | None:
+        """mu, (d,), of the world in ordinary use; None where nobody knows it, as by default."""
         return None
 
     @property

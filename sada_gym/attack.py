@@ -183,7 +183,7 @@ def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:
     # saved before it samples: loaded again, it gives the same samples
     write_folder(folder / ADVERSARY_FOLDER, run.adversary.save)
     run.test()
-    report = run.measure()
+    report = run.measure(explain=True)
     reserved.check(run.settings, store)
     write_samples(folder / SAMPLES_FILE, run.samples)
     write_model(folder / RESULT_FILE, report)

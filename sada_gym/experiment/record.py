@@ -12,9 +12,11 @@ from typing_extensions import Self
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import Distances, Measures, Search
+from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.target import Target
 from sada_gym.files import OneLine, Strict
 from sada_gym.measures.failure_regions import FailureRegions
+from sada_gym.measures.sensitivity import Influence
 
 
 class Protocol(Strict):
@@ -158,6 +160,10 @@ class RunReport(Measures):
         flags: What a reader must know, such as that no training query fooled.
         invalid: The worlds that broke; None where there are none.
         uniform: The training queries that were uniform; None where there are none.
+        nominal: The world in ordinary use, and what makes the agent fail there; None where the
+            application does not know that world.
+        influences: How much of the failure probability's variance each parameter explains, by all
+            queries and samples; none where there are too few worlds, failures or others.
     """
 
     settings: RunSettings
@@ -168,6 +174,8 @@ class RunReport(Measures):
     where: FailureRegions
     invalid: InvalidWorlds | None = None
     uniform: UniformQueries | None = None
+    nominal: NominalWorld | None = None
+    influences: tuple[Influence, ...] = ()
 
     def measures(self) -> Measures:
         """Return the measures alone."""

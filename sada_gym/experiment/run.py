@@ -29,10 +29,12 @@ from sada_gym.experiment.measure import (
     measure,
     summarise_distances,
 )
+from sada_gym.experiment.nominal import SEEDS, NominalWorld, explore_nominal
 from sada_gym.experiment.record import RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.failure_regions import failure_regions
 from sada_gym.measures.novelty import Neighbours, image_neighbours
+from sada_gym.measures.sensitivity import Influence, fit_failures
 from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
@@ -188,8 +190,11 @@ class Run:
             )
         return mu
 
-    def measure(self) -> RunReport:
-        """Measure the test samples and the search."""
+    def measure(self, *, explain: bool = False) -> RunReport:
+        """Measure the test samples and the search.
+
+        With `explain` it also says what matters, and explores the nominal world if it is known.
+        """
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
         feasible = feasible_worlds(self.application, samples.mu, samples.seed.tolist())
@@ -223,7 +228,33 @@ class Run:
             ),
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
+            nominal=self._nominal_world() if explain else None,
+            influences=self._influences() if explain else (),
         )
+
+    def _nominal_world(self) -> NominalWorld | None:
+        space, nominal = self.application.parameters, self.application.nominal
+        if nominal is None or not self._protocol.budget:
+            return None
+        oracle = Oracle(
+            self._evaluator,
+            budget=SEEDS * (1 + 14 * len(space)),
+            seed=self.settings.seed,
+            stream="validation",
+            progress=functools.partial(self._report, "measure"),
+        )
+
+        def play(mu: Mu) -> Evaluations:
+            oracle(np.repeat(mu, SEEDS, axis=0))
+            return oracle.record[np.arange(-SEEDS * len(mu), 0)]
+
+        known = Evaluations.joined([self.queries, self.samples])
+        return explore_nominal(space, nominal, play, known, self._threshold)
+
+    def _influences(self) -> tuple[Influence, ...]:
+        worlds = Evaluations.joined([self.queries, self.samples]).valid
+        model = fit_failures(worlds.mu, worlds.fooled(self._threshold))
+        return () if model is None else model.influences(self.application.parameters.names)
 
     def _uniform_queries(self) -> UniformQueries | None:
         part = self.adversary.uniform_part(len(self.queries))

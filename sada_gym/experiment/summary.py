@@ -8,7 +8,9 @@ from pathlib import Path
 from sada_gym.cards import find_card
 from sada_gym.experiment.folder import RESULT_FILE
 from sada_gym.experiment.invalid import InvalidWorlds
+from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.record import RunReport
+from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import number
 
 AFR = "attack fooling rate"
@@ -31,7 +33,13 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
     yield "where", report.where.sentence
+    if report.influences:
+        yield "what matters", _influences(report.influences)
     yield "uniform worlds", _uniform_rate(report)
+    if report.nominal is not None:
+        yield "nominal world", _nominal(report.nominal)
+        if not report.nominal.fooled * 2 > report.nominal.evaluations:
+            yield "smallest change", _smallest(report.nominal)
     feasible = report.feasible
     if feasible is not None and feasible.afr is not None:
         yield (
@@ -104,6 +112,33 @@ def _uniform_rate(report: RunReport) -> str:
     which = "its" if uniform.worlds == report.search.queries else "the first"
     rate = _percent(uniform.fooled / uniform.worlds)
     return f"{rate} ({which} {uniform.worlds:,} training queries are uniform)"
+
+
+def _influences(influences: tuple[Influence, ...]) -> str:
+    listed = [
+        f"{influence.parameter} {100 * influence.total:.0f} % "
+        f"({100 * influence.total_interval[0]:.0f} to {100 * influence.total_interval[1]:.0f})"
+        for influence in influences[:3]
+    ]
+    return f"{', '.join(listed)}: the share of the failures' variance that each takes part in"
+
+
+def _nominal(nominal: NominalWorld) -> str:
+    values = ", ".join(f"{name} {number(value)}" for name, value in nominal.parameters.items())
+    often = f"fooled {nominal.fooled} of {nominal.evaluations} times"
+    return f"mean score {nominal.score:.2f}, {often} ({values})"
+
+
+def _smallest(nominal: NominalWorld) -> str:
+    alone = [
+        f"{change.parameter} {number(change.nominal)} to {number(change.value)}"
+        for change in nominal.smallest
+    ]
+    text = f"that alone makes it fail: {', or '.join(alone)}" if alone else "none alone does"
+    if nominal.nearest is None:
+        return text
+    near = ", ".join(f"{name} {number(v)}" for name, v in nominal.nearest.parameters.items())
+    return f"{text}; nearest failure of all worlds: {near}"
 
 
 def _percent(rate: float) -> str:

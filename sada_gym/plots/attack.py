@@ -14,9 +14,11 @@ from sada_gym.application import Application
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
 from sada_gym.frames import BLUE, GRID, INK, MUTED, ORANGE, Frame
+from sada_gym.measures.sensitivity import fit_failures
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_sheet import png_of
 from sada_gym.plots.failures import NotDrawnError, draw_failures
+from sada_gym.plots.influence import influence
 from sada_gym.plots.style import (
     ACCENT,
     FOOLED,
@@ -56,8 +58,9 @@ def draw_attack(
     """Draw all pictures of an attack into a folder, and return the PNG files written.
 
     The sheet of failures, with the headline on top, is left out where the application draws no
-    frames, where its drawing fails, or where no sample fooled the agent; the map of queries (Omega)
-    and samples is drawn in two dimensions only. `on_progress` is called after each frame with the
+    frames, where its drawing fails, or where no sample fooled the agent; the curves of P(failure)
+    where there are too few worlds; the map of queries (Omega) and samples is drawn in two
+    dimensions only. `on_progress` is called after each frame with the
     numbers of frames drawn and of all frames.
     """
     space, threshold = application.parameters, application.fooling_threshold
@@ -65,6 +68,10 @@ def draw_attack(
         "marginals.png": marginals(space, samples, threshold),
         "scores.png": score_histogram(samples, queries, threshold),
     }
+    worlds = Evaluations.joined([queries, samples]).valid
+    model = fit_failures(worlds.mu, worlds.fooled(threshold))
+    if model is not None:
+        figures["influence.png"] = influence(space, model)
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
     for name, figure in figures.items():

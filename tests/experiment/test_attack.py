@@ -23,6 +23,7 @@ def test_an_attack_writes_its_folder(tmp_path):
         "adversary",
         "attack.json",
         "fooled.png",
+        "influence.png",
         "marginals.png",
         "result.json",
         "run.sqlite",

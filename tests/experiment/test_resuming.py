@@ -166,7 +166,7 @@ def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.png"))
     done = run(tmp_path, pictures=True, resume=True)
     assert done.was_finished
-    assert len(done.pictures) == 3
+    assert len(done.pictures) == 4
 
 
 def test_pictures_are_a_set_all_or_none(tmp_path, monkeypatch):
@@ -184,7 +184,7 @@ def test_pictures_are_a_set_all_or_none(tmp_path, monkeypatch):
     assert len(list(tmp_path.glob("*.png"))) == 1
     done = run(tmp_path, pictures=True, resume=True)
     assert done.was_finished
-    assert len(done.pictures) == 3
+    assert len(done.pictures) == 4
     assert not list(tmp_path.glob(".*"))
 
 

@@ -30,7 +30,7 @@ def drawn(n, dimension=3, seed=0):
 def test_all_pictures(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
     names = [path.name for path in draw_attack(Toy(), drawn(50), drawn(200), tmp_path)]
-    assert names == ["marginals.png", "scores.png", "fooled.png"]
+    assert names == ["marginals.png", "scores.png", "influence.png", "fooled.png"]
     for name in names:
         assert (tmp_path / name).read_bytes().startswith(PNG)
 

@@ -1,0 +1,127 @@
+"""The world in ordinary use: how the agent does there, and which small changes make it fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sada_gym.arrays import Bools, Floats, Floats32
+from sada_gym.evaluations import Evaluations
+from sada_gym.files import Strict
+from sada_gym.parameters import Mu, ParameterSpace
+
+SEEDS = 3
+"""Evaluations of a world; the agent fails there if it fails in most of them."""
+
+_STEPS = 5
+"""Halvings of the way from the nominal value to a value that fails."""
+
+Play = Callable[[Mu], Evaluations]
+"""Evaluates each world `SEEDS` times in a row."""
+
+
+class SmallestChange(Strict):
+    """The value of one parameter, all others nominal, from which on the agent fails.
+
+    Nothing is said of what lies beyond it. The nominal value is `nominal`.
+    """
+
+    parameter: str
+    nominal: float
+    value: float
+
+
+class NearestFailure(Strict):
+    """The known failure nearest to the nominal world, by the greatest change of a parameter.
+
+    Attributes:
+        change: That change, as a share of the parameter's range.
+    """
+
+    parameters: dict[str, float]
+    change: float
+
+
+class NominalWorld(Strict):
+    """The world in ordinary use, and what makes the agent fail there.
+
+    Attributes:
+        score: The mean of its `evaluations`, of which `fooled` fooled the agent.
+        smallest: The parameters that make it fail alone, the smallest change first; none where the
+            agent fails in the nominal world itself.
+        nearest: None without any failure.
+    """
+
+    parameters: dict[str, float]
+    score: float
+    evaluations: int
+    fooled: int
+    smallest: tuple[SmallestChange, ...]
+    nearest: NearestFailure | None
+
+
+def explore_nominal(
+    space: ParameterSpace, nominal: Floats32, play: Play, known: Evaluations, threshold: float
+) -> NominalWorld:
+    """Play the nominal world, (d,), and look for the smallest change of each parameter that fails.
+
+    Both ends of each range are tried, and where one fails, the way there is halved a few times: at
+    most 3 (1 + 7 x 2 d) evaluations. `known` are evaluations whose failures count as known.
+    """
+    record = play(nominal[None])
+    smallest: list[SmallestChange] = []
+    if not _fails(record, threshold)[0]:
+        smallest = _smallest_changes(space, nominal, play, threshold)
+    return NominalWorld(
+        parameters=space.describe(nominal),
+        score=float(record.valid.score.mean()) if len(record.valid) else 0.0,
+        evaluations=len(record),
+        fooled=int(record.fooled(threshold).sum()),
+        smallest=tuple(smallest),
+        nearest=_nearest(space, nominal, known.mu[known.fooled(threshold)]),
+    )
+
+
+def _smallest_changes(
+    space: ParameterSpace, nominal: Floats32, play: Play, threshold: float
+) -> list[SmallestChange]:
+    d = len(space)
+    axes, ends = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
+    away = np.abs(ends - nominal[axes]) > 0
+    axes, ends = axes[away], ends[away]
+    fails = _fails(play(_moved(nominal, axes, ends)), threshold)
+    axes, failing = axes[fails], ends[fails]
+    holding = nominal[axes].astype(np.float64)
+    for _ in range(_STEPS if len(axes) else 0):
+        middle = (holding + failing) / 2.0
+        fails = _fails(play(_moved(nominal, axes, middle)), threshold)
+        holding, failing = np.where(fails, holding, middle), np.where(fails, middle, failing)
+    order = np.argsort(np.abs(failing - nominal[axes]), kind="stable")
+    usual, found = space.physical(nominal[None])[0], list[SmallestChange]()
+    for i, value in zip(axes[order], failing[order], strict=True):
+        moved = space.physical(_moved(nominal, np.array([i]), np.array([value])))[0]
+        change = SmallestChange(
+            parameter=space.names[i], nominal=float(usual[i]), value=float(moved[i])
+        )
+        found.append(change)
+    return found
+
+
+def _moved(nominal: Floats32, axes: np.ndarray, values: Floats) -> Mu:
+    mu = np.repeat(nominal[None], len(axes), axis=0)
+    mu[np.arange(len(axes)), axes] = values
+    return mu
+
+
+def _fails(record: Evaluations, threshold: float) -> Bools:
+    fails: Bools = record.fooled(threshold).reshape(-1, SEEDS).sum(axis=1) * 2 > SEEDS
+    return fails
+
+
+def _nearest(space: ParameterSpace, nominal: Floats32, failures: Mu) -> NearestFailure | None:
+    if not len(failures):
+        return None
+    change = np.abs(failures - nominal).max(axis=1) / 2.0
+    i = int(change.argmin())
+    return NearestFailure(parameters=space.describe(failures[i]), change=float(change[i]))
