@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 _ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
 _ID = re.compile(r"(.+)-v(\d+)")
+_OWN_LIMITS = ("max_steps", "max_episode_steps", "_max_episode_steps", "max_path_length", "horizon")
 _MANY = 40
 _FEW_CLIPPED = 0.05
 _TRIED = 3
@@ -78,13 +79,15 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
             (low, high) is a keyword of the environment's constructor of that name, else an
             attribute of `env.unwrapped`.
-        score: ("return", low, high), which clips; "success", which reads `info["is_success"]`;
-            ("length", maximum); or a function of an `Episode` that returns a number in [0, 1]. A
-            high score is good for the agent.
+        score: ("return", low, high), which clips; "success", which reads `info["is_success"]` or
+            `info["success"]`; ("success", key) for another key; ("length", maximum); or a function
+            of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
         fooling_threshold: The agent is fooled where the score is at most this.
         episodes: The episodes whose mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        max_steps: The limit of steps of an episode; None keeps the environment's own.
+        max_steps: The limit of steps of an episode; None keeps the environment's own. "own" says
+            that it ends its episodes by itself, although no `TimeLimit` shows it; a world that goes
+            on for `MOST_STEPS` breaks.
         env_kwargs: The keywords that every environment gets.
         name: The application's name in reports; None takes the environment's.
         agent_id: Names the agent in evaluation stores, together with all functions of your own;
@@ -144,7 +147,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         fooling_threshold: float,
         episodes: int = 1,
         sample_size: int = 100,
-        max_steps: int | None = None,
+        max_steps: int | Literal["own"] | None = None,
         env_kwargs: Mapping[str, Any] | None = None,
         name: str | None = None,
         agent_id: str | None = None,
@@ -159,7 +162,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     ) -> None:
         check_integer("episodes", episodes, 1)
         check_integer("sample_size", sample_size, 1)
-        if max_steps is not None:
+        if max_steps is not None and max_steps != "own":
             check_integer("max_steps", max_steps, 1)
         if name is not None and (not isinstance(name, str) or not name):
             raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
@@ -654,11 +657,19 @@ def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
             "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
             f"{env.action_space} in {factory.name}. Wrap the environment in one that has them."
         )
-    if not any(isinstance(layer, TimeLimit) for layer in layers(env)):
+    has_limit = any(isinstance(layer, TimeLimit) for layer in layers(env))
+    if not has_limit and factory.max_steps != "own":
         raise UserError(
-            f"Expected a limit of steps, because {factory.name} has none of its own and its "
-            "episodes might never end. Pass max_steps=1000, say."
+            f"Expected a limit of steps, because {factory.name} has no TimeLimit and its episodes "
+            'might never end. Pass max_steps=1000, say, or max_steps="own" if it ends them by '
+            f"itself{_own_limit(env)}."
         )
     with explained(f"Expected {factory.name} to be reset"):
         observation, _ = env.reset(seed=0)
     return observation
+
+
+def _own_limit(env: gym.Env[Any, Any]) -> str:
+    known = {name: getattr(env.unwrapped, name, None) for name in _OWN_LIMITS}
+    told = [f"{name}={value}" for name, value in known.items() if is_number(value)]
+    return f" (it has {', '.join(told)})" if told else ""

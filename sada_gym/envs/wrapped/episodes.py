@@ -34,6 +34,9 @@ from sada_gym.evaluation import watch
 MEMORY_BYTES = 2**28
 """The memory that the environments of worlds played at once may take."""
 
+MOST_STEPS = 100_000
+"""Steps after which a world breaks, where its environment is said to end its episodes by itself."""
+
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 _NO_FRAME = (240, 320, 3)
 _LONGEST = 200
@@ -319,6 +322,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self.observation_space, self.action_space = spec.observation_space, spec.action_space
         self._spec, self._start = spec, start
         self._world = f"with {dict(start.values)}"
+        self._most_steps = MOST_STEPS if spec.factory.max_steps == "own" else np.inf
         self.rewards: list[float] = []
         self._observations: list[Any] = []
         self._actions: list[Any] = []
@@ -345,6 +349,13 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         except (Exception, SystemExit) as error:  # whatever an environment may raise
             raise self._broken("a step", error) from error
         self.rewards.append(self._validate_reward(reward))
+        if len(self.rewards) >= self._most_steps and not (terminated or truncated):
+            reason = f"it did not end within {MOST_STEPS:,} steps"
+            raise InvalidWorld(
+                f"Expected {self._spec.factory.name} to end its episodes by itself, as "
+                f"max_steps='own' says, but {self._world} {reason}. Pass max_steps=1000, say.",
+                reason,
+            )
         if self._spec.score.keeps_all:
             self._actions.append(deepcopy(action))
         return self._recorded(observation, info), self.rewards[-1], terminated, truncated, info

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
@@ -26,13 +26,14 @@ _NOT_PHYSICS = ("self", "render_mode")
 class EnvFactory:
     """Makes environments: by an id, or by a function.
 
-    `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit. It
+    `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit, and
+    "own" says that it ends its episodes by itself, although no wrapper shows it. It
     raises `UserError` if there is no such environment, or it does not take the keywords.
     """
 
     environment: EnvLike
     env_kwargs: Mapping[str, Any]
-    max_steps: int | None
+    max_steps: int | Literal["own"] | None
 
     def __post_init__(self) -> None:
         """Check the environment's name and the keywords' names."""
@@ -99,8 +100,9 @@ class EnvFactory:
         by_id = isinstance(self.environment, str)
         if render_mode is not None:
             all_keywords["render_mode"] = render_mode
-        if by_id and self.max_steps is not None:
-            all_keywords["max_episode_steps"] = self.max_steps
+        limit = None if self.max_steps == "own" else self.max_steps
+        if by_id and limit is not None:
+            all_keywords["max_episode_steps"] = limit
         mend = (
             "Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
             "whole number."
@@ -120,7 +122,7 @@ class EnvFactory:
                 f"Expected {self.name} to make a gymnasium.Env, got {type(env).__name__}. Return "
                 "the environment from the function."
             )
-        return env if by_id or self.max_steps is None else TimeLimit(env, int(self.max_steps))
+        return env if by_id or limit is None else TimeLimit(env, int(limit))
 
     @property
     def _creator(self) -> Callable[..., Any]:

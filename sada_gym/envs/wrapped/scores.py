@@ -47,7 +47,7 @@ class Episode:
 
 
 ScoreLike = str | tuple[Any, ...] | list[Any] | Callable[[Episode], float]
-"""("return", low, high), "success", ("length", maximum), or a function of an `Episode`."""
+"""("return", low, high), "success", ("success", key), ("length", maximum), or a function."""
 
 
 class Score(ABC):
@@ -90,21 +90,33 @@ class Return(Score):
         return min(max(share, 0.0), 1.0), not 0.0 <= share <= 1.0
 
 
+SUCCESS_KEYS = ("is_success", "success")
+"""Where environments say whether an episode was a success: the first one that an info has."""
+
+
 @dataclass(frozen=True)
 class Success(Score):
-    """1 where the last info says `is_success`, else 0."""
+    """1 where an entry of the last info is true, else 0; `key` None takes `SUCCESS_KEYS`."""
 
-    settings = "success"
+    key: str | None = None
+
+    @property
+    def settings(self) -> Any:  # noqa: D102
+        return "success" if self.key is None else ["success", self.key]
 
     def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
-        info = episode.infos[-1]
-        if "is_success" not in info:
+        info, keys = episode.infos[-1], SUCCESS_KEYS if self.key is None else (self.key,)
+        key = next((key for key in keys if key in info), None)
+        if key is None:
+            wanted = " or ".join(f"info[{key!r}]" for key in keys)
+            listed = ", ".join(repr(str(key)) for key in info) or "none"
             raise UserError(
-                "Expected info['is_success'] at the end of an episode for score='success', got "
-                f"the keys {sorted(map(str, info)) or 'none'}. Pass a function of the episode "
-                "instead, such as score=lambda episode: float(episode.terminated)."
+                f"Expected {wanted} at the end of an episode for score={self.settings!r}, got the "
+                f"keys {listed}. Name another key, score=('success', 'key'), or pass a function "
+                "such as score=lambda episode: float(episode.terminated)."
             )
-        return float(bool(info["is_success"])), False
+        with explained(f"Expected info[{key!r}] to be true or false", "Name another key."):
+            return float(bool(info[key])), False
 
 
 @dataclass(frozen=True)
@@ -158,10 +170,12 @@ class FunctionScore(Score):
 
 def as_score(given: Any) -> Score:
     """Return the score that a description means; raise `UserError` if it is none of `ScoreLike`."""
-    if given == "success":
+    if isinstance(given, str) and given == "success":
         return Success()
     if isinstance(given, tuple | list) and given:
         kind, *numbers = given
+        if kind == "success" and len(numbers) == 1 and isinstance(numbers[0], str):
+            return Success(*numbers)
         if kind == "return" and len(numbers) == 2:
             return Return(*numbers)
         if kind == "length" and len(numbers) == 1:
@@ -169,8 +183,8 @@ def as_score(given: Any) -> Score:
     if callable(given):
         return FunctionScore(given)
     raise UserTypeError(
-        "Expected score to be ('return', low, high), 'success', ('length', maximum) or a function "
-        f"of the episode, got {given!r}."
+        "Expected score to be ('return', low, high), 'success', ('success', key), ('length', "
+        f"maximum) or a function of the episode, got {given!r}."
     )
 
 

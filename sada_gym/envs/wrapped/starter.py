@@ -30,7 +30,7 @@ from sada_gym.envs.wrapped.bindings import Attribute, Config, Keyword, Parameter
 from sada_gym.envs.wrapped.disturbances import ActionDelay, ObservationDelay, ObservationNoise
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.paths import read
-from sada_gym.envs.wrapped.scores import Episode
+from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
 from sada_gym.envs.wrapped.toml import KINDS
 from sada_gym.errors import FileError, UserError, explained
 
@@ -333,8 +333,8 @@ def _score(
     agents: Sequence[Episode], chance: Sequence[Episode]
 ) -> tuple[str, float, tuple[str, ...]]:
     """Choose a score and a threshold, and say why."""
-    if all("is_success" in episode.infos[-1] for episode in (*agents, *chance)):
-        rate = np.mean([bool(episode.infos[-1]["is_success"]) for episode in agents])
+    if all({*SUCCESS_KEYS} & {*episode.infos[-1]} for episode in (*agents, *chance)):
+        rate = np.mean([Success()(episode)[0] for episode in agents])
         said = f'Score: "success". The agent succeeds in {rate:.0%} of {EPISODES} nominal episodes.'
         return json.dumps("success"), 0.5, (said, *_doubt(float(1 - rate)))
     ours, random = _returns(agents), _returns(chance)

@@ -51,7 +51,8 @@ _WORDS: Mapping[type, str] = {
 }
 _TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
 _WORDS_OF_KEYS = {
-    "score": '["return", low, high], ["length", maximum] or "success"',
+    "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
+    "max_steps": 'a whole number or "own"',
     "agent": "a text in quotes, or a command as an array of texts",
     "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',

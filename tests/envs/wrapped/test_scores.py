@@ -35,8 +35,22 @@ def test_success_is_read_at_the_end():
     score = as_score("success")
     assert score(episode([0.0], is_success=np.True_)) == (1.0, False)
     assert score(episode([0.0], is_success=False)) == (0.0, False)
-    with pytest.raises(ValueError, match=r"info\['is_success'\] at the end .* keys \['speed'\]"):
+    assert score(episode([0.0], success=1.0, is_success=False)) == (0.0, False)
+    assert score(episode([0.0], success=1.0)) == (1.0, False)
+    wanted = r"info\['is_success'\] or info\['success'\] at the end .* keys 'speed'"
+    with pytest.raises(ValueError, match=wanted):
         score(episode([0.0], speed=1.0))
+
+
+def test_success_may_have_another_name():
+    score = as_score(["success", "landed"])
+    assert score(episode([0.0], landed=np.array([True]), success=False)) == (1.0, False)
+    assert score.settings == ["success", "landed"]
+    assert as_score("success").settings == "success"
+    with pytest.raises(ValueError, match=r"info\['landed'\] .* keys 'speed', 'success'"):
+        score(episode([0.0], speed=1.0, success=True))
+    with pytest.raises(ValueError, match=r"info\['landed'\] to be true or false, got ValueError"):
+        score(episode([0.0], landed=np.ones(2)))
 
 
 def test_length_is_a_share():
@@ -52,6 +66,8 @@ def test_length_is_a_share():
         (("return", 0.0), "Expected score to be"),
         (("length", 0), "a number of steps"),
         ("sucess", "Expected score to be"),
+        (("success", 3), "Expected score to be"),
+        (("success", "a", "b"), "Expected score to be"),
         (None, "Expected score to be"),
     ],
 )
@@ -105,3 +121,24 @@ def test_several_episodes_are_averaged():
     application.play(episodes)
     assert len(set(episodes.score.tolist())) > 1
     assert info["score"] == episodes.score.mean()
+
+
+def test_an_environment_may_end_its_episodes_by_itself(monkeypatch):
+    with pytest.raises(ValueError, match=r'max_steps="own" if it ends them by itself'):
+        reach(max_steps=None)
+    application = reach(max_steps="own", score=("length", 60))
+    (info,) = application.evaluate([[-1.0]], [0]).infos
+    assert 0 < info["length"] <= 30
+    assert application.settings["max_steps"] == "own"
+    with pytest.raises(ValueError, match="max_steps to be a whole number, got 'none'"):
+        reach(max_steps="none")
+
+
+def test_an_episode_that_does_not_end_by_itself_breaks_its_world(monkeypatch):
+    monkeypatch.setattr("sada_gym.envs.wrapped.episodes.MOST_STEPS", 20)
+    settings = {"max_steps": "own", "parameters": {"steps": (1.0, 99.0)}, "agent": lambda seen: 0}
+    outcomes = reach(**settings).evaluate([[-1.0], [1.0]], [0, 0])
+    reasons = [info["invalid"] for info in outcomes.infos]
+    assert reasons == ["", "it did not end within 20 steps"]
+    with pytest.raises(ValueError, match=r"max_steps='own' says, .* Pass max_steps=1000, say"):
+        reach(**settings, on_error="raise").evaluate([[1.0]], [0])
