@@ -57,6 +57,9 @@ _WORDS_OF_KEYS = {
     "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
 }
+_TEXTS = {"max_steps": ("own",)}
+"""The texts that stand beside another type."""
+
 _NAMES = {"VecNormalize": object}
 """Names that only type checkers load."""
 
@@ -159,7 +162,8 @@ def _check_types(
     table: Mapping[str, Any], keys: Mapping[str, Sequence[type]], path: Path, parameter: str = ""
 ) -> None:
     for key, value in table.items():
-        if not _fits(value, keys[key]):
+        is_other = isinstance(value, str) and value not in _TEXTS.get(key, (value,))
+        if is_other or not _fits(value, keys[key]):
             words = _WORDS_OF_KEYS.get(key) or " or ".join(_WORDS[kind] for kind in keys[key])
             raise UserTypeError(
                 f"Expected {key!r}{parameter} in {path} to be {words}, got {value!r}."
