@@ -201,7 +201,8 @@ class DetectionApplication(Application):
         # parts chosen by a name are written by it: settings can be used as keywords again
         if self._renderer_name is not None:
             settings["renderer"] = self._renderer_name
-        if self._shapes_source != DEFAULT_SHAPES and is_named(self._shapes_source):
+        is_default = self._shapes_source == DEFAULT_SHAPES == self.default_shapes
+        if not is_default and is_named(self._shapes_source):
             settings["shapes"] = self._shapes_source
         # left out where they are the defaults: what was stored before they came stays valid
         if self._parameters_name != DEFAULT_PARAMETERS:

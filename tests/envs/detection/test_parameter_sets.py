@@ -83,6 +83,15 @@ def test_settings_are_keywords_that_make_the_same_application():
         assert opened.target.reference is None
 
 
+def test_settings_name_our_shapes_where_others_are_the_default():
+    class Others(DetectionApplication):
+        default_shapes = "toy_parts:first_two"
+
+    assert Others("car").settings["shapes"] == "toy_parts:first_two"
+    assert Others("car", shapes="benchmark").settings["shapes"] == "benchmark"
+    assert "shapes" not in CAR.settings
+
+
 def test_the_camera_keeps_to_its_range():
     application = DetectionApplication("car", camera_pitch_deg=(5, 30))
     ends = application.parameters.physical(np.array([-np.ones(8), np.ones(8)]))[:, 2]
