@@ -97,6 +97,7 @@ class Application(ABC):
         fooling_threshold: The agent is fooled where Q <= this (epsilon in the paper).
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         agent: The agent under test, or None if it is part of the world.
+        nominal: mu, (d,), of the world in ordinary use, or None if it is unknown.
         render_fps: Frames of `replay` in a second of its episode.
     """
 
@@ -108,6 +109,7 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
+    nominal: Floats32 | None = None
     _on_error: OnError = "raise"  # where a worker process dies in a world, see `watch`
     _timeout: float | None = None  # seconds that a worker process may take for a world
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
@@ -171,11 +173,6 @@ class Application(ABC):
 
         The others are never computed, and no test sample is drawn there.
         """
-        return None
-
-    @property
-    def nominal(self) -> Floats32 | None:
-        """mu, (d,), of the world in ordinary use; None where nobody knows it, as by default."""
         return None
 
     @property
