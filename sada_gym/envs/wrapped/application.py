@@ -131,6 +131,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
+    _nominal: Floats32 | None
 
     def __init__(
         self,

@@ -52,7 +52,7 @@ _WORDS: Mapping[type, str] = {
 _TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
-    "max_steps": 'a whole number or "own"',
+    "max_steps": "a whole number",
     "agent": "a text in quotes, or a command as an array of texts",
     "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
@@ -162,9 +162,12 @@ def _check_types(
     table: Mapping[str, Any], keys: Mapping[str, Sequence[type]], path: Path, parameter: str = ""
 ) -> None:
     for key, value in table.items():
-        is_other = isinstance(value, str) and value not in _TEXTS.get(key, (value,))
+        texts = _TEXTS.get(key, ())
+        is_other = isinstance(value, str) and texts and value not in texts
         if is_other or not _fits(value, keys[key]):
             words = _WORDS_OF_KEYS.get(key) or " or ".join(_WORDS[kind] for kind in keys[key])
+            if is_other:
+                words += f" or {' or '.join(map(repr, texts))}"
             raise UserTypeError(
                 f"Expected {key!r}{parameter} in {path} to be {words}, got {value!r}."
             )
