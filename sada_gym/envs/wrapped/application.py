@@ -131,7 +131,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
-    _nominal: Floats32 | None
+    nominal: Floats32 | None
+    """Of each binding its `nominal`, or what the environment has; None also where that lies outside a
+    range or makes a world that is not feasible."""
 
     def __init__(
         self,
@@ -208,9 +210,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self._at_once = _MOST_AT_ONCE
         self._feasible = Feasible.of(feasible, self.parameters.names)
         self._check_region()
-        if self._nominal is not None and self._feasible.conditions:
-            (may_exist,) = self.permits(self._nominal[None])  # type: ignore[misc]
-            self._nominal = self._nominal if may_exist else None
+        if self.nominal is not None and self._feasible.conditions:
+            (may_exist,) = self.permits(self.nominal[None])  # type: ignore[misc]
+            self.nominal = self.nominal if may_exist else None
         self._check_ranges()
 
     def _explore(
@@ -243,7 +245,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         check_distinct(bindings)
         places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
         known = [place for place in places if place is not None]
-        self._nominal = self.parameters.normalised(known) if len(known) == len(places) else None
+        self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return EpisodeSpec(
             factory,
             bindings,
@@ -334,14 +336,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Take the model from its policy."""
         self.__dict__.update(state)
         self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
-
-    @property
-    def nominal(self) -> Floats32 | None:
-        """The mu of ordinary use, (d,): of each binding its `nominal`, or what the environment has.
-
-        None where that is unknown, lies outside a range, or makes a world that is not feasible.
-        """
-        return self._nominal
 
     def close(self) -> None:
         """End an agent's process, if it has one of its own."""
