@@ -132,8 +132,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
     nominal: Floats32 | None
-    """Of each binding its `nominal`, or what the environment has; None also where that lies outside a
-    range or makes a world that is not feasible."""
+    """Of each binding its `nominal`, or what the environment has.
+
+    None also where that lies outside a range, or makes a world that is not feasible.
+    """
 
     def __init__(
         self,
