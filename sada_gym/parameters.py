@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from sada_gym.arrays import Floats, Floats32, as_array, real_numbers
 from sada_gym.errors import UserError, UserTypeError
 
+_LONGEST_NAME = 100
 _MANTISSAS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 
 Mu = npt.NDArray[np.float32]
@@ -49,8 +51,16 @@ class Parameter:
         """Check the name, the range and the directions."""
         if not isinstance(self.name, str) or not self.name:
             raise UserTypeError(f"Expected a parameter's name to be a text, got {self.name!r}.")
-        numbers = all(isinstance(end, int | float | np.number) for end in (self.low, self.high))
-        if not numbers or not 0.0 < float(self.high) - float(self.low) < np.inf:
+        if len(self.name) > _LONGEST_NAME or not (self.name + self.unit).isprintable():
+            raise UserError(
+                f"Expected a parameter's name in one line of at most {_LONGEST_NAME} characters, "
+                f"and a unit in one line, got {self.name[: 2 * _LONGEST_NAME]!r} and "
+                f"{self.unit[:_LONGEST_NAME]!r}."
+            )
+        ends = (self.low, self.high)
+        numbers = all(isinstance(end, int | float | np.number) for end in ends)
+        finite = numbers and all(abs(end) <= sys.float_info.max for end in ends)
+        if not finite or not 0.0 < float(self.high) - float(self.low) < np.inf:
             raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
                 f"got low={self.low} and high={self.high}. Give a non-empty range."

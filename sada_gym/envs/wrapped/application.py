@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -49,6 +50,9 @@ _ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinar
 _ID = re.compile(r"(.+)-v(\d+)")
 _OWN_LIMITS = ("max_steps", "max_episode_steps", "_max_episode_steps", "max_path_length", "horizon")
 _MANY = 40
+_MOST_EPISODES = 100_000
+_MOST_WHOLE = 2**53
+_LONGEST_WAIT_S = 1e6  # sockets take twice as much
 _FEW_CLIPPED = 0.05
 _TRIED = 3
 """Worlds that are played together and alone before the first score counts."""
@@ -160,10 +164,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         timeout: float | None = None,
         agent_timeout: float = 300.0,
     ) -> None:
-        check_integer("episodes", episodes, 1)
-        check_integer("sample_size", sample_size, 1)
+        check_integer("episodes", episodes, 1, _MOST_EPISODES)
+        check_integer("sample_size", sample_size, 1, _MOST_WHOLE)
         if max_steps is not None and max_steps != "own":
-            check_integer("max_steps", max_steps, 1)
+            check_integer("max_steps", max_steps, 1, _MOST_WHOLE)
         if name is not None and (not isinstance(name, str) or not name):
             raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
         check_agent_id(agent_id)
@@ -172,15 +176,18 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             raise UserTypeError(
                 f"Expected valid to be a function of the environment, got {valid!r}."
             )
-        if timeout is not None and (not is_number(timeout) or not 0 < timeout < np.inf):
+        if timeout is not None and (
+            not is_number(timeout) or not 0 < timeout <= sys.float_info.max
+        ):
             raise UserError(f"Expected timeout to be a number of seconds above 0, got {timeout!r}.")
         self._on_error, self._timeout, self._valid = on_error, timeout, valid
         factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._episode_count, self._allow_pickle = episodes, allow_pickle
-        if not is_number(agent_timeout) or not 0.0 < agent_timeout < np.inf:
+        if not is_number(agent_timeout) or not 0.0 < agent_timeout <= _LONGEST_WAIT_S:
             raise UserTypeError(
-                f"Expected agent_timeout to be a number of seconds above 0, got {agent_timeout!r}."
+                "Expected agent_timeout to be a number of seconds above 0 and of at most 1e6, got "
+                f"{agent_timeout!r}."
             )
         if not isinstance(deterministic, bool):
             raise UserTypeError(f"Expected deterministic to be a bool, got {deterministic!r}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -28,6 +29,9 @@ from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_known,
 from sada_gym.parameters import Parameter
 
 _ALL = ", or all by [:] at its end"
+_LARGEST_WHOLE = 2**51
+"""Half below and half above larger whole numbers are no floats."""
+
 _NAMED_VALUES = 12
 """Whole numbers are named one by one on axes where there are at most so many."""
 
@@ -80,6 +84,11 @@ class ParameterBinding(ABC):
                 f"{self.low} and {self.high}."
             )
         Parameter(name, low, high, log=self.log)  # raises for an empty range
+        if max(abs(low), abs(high)) > _LARGEST_WHOLE:
+            raise UserError(
+                f"Expected whole numbers of {name!r} within -2**51 and 2**51, got {self.low} and "
+                f"{self.high}. Leave integer out, or narrow the range."
+            )
         count = int(high - low) + 1
         named = count <= _NAMED_VALUES and not self.log  # parts with names are equal
         names = tuple(str(int(low) + i) for i in range(count)) if named else ()
@@ -102,7 +111,13 @@ class ParameterBinding(ABC):
                 f"Expected numbers as low and high of {name!r}, got {self.low!r} and "
                 f"{self.high!r}. Write low=1.0, high=2.0."
             )
-        return float(self.low), float(self.high)  # type: ignore[arg-type]
+        ends: tuple[Any, Any] = (self.low, self.high)
+        if not all(abs(end) <= sys.float_info.max for end in ends):
+            raise UserError(
+                f"Expected finite low < high for parameter {name!r}, got low={self.low} and "
+                f"high={self.high}. Give a non-empty range."
+            )
+        return float(ends[0]), float(ends[1])
 
     def nominal_place(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> float | None:
         """Return the physical value of the parameter in ordinary use.
@@ -275,6 +290,11 @@ class Attribute(ParameterBinding):
 
     def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
         """Check that the attributes exist and hold single values."""
+        if self.factor and not all(map(is_number, self.choices)):
+            raise UserTypeError(
+                f"Expected numbers as choices of {name!r}, which is a factor, got "
+                f"{self.choices!r}. Leave factor out."
+            )
         for path in self.targets(name):
             value = read(env.unwrapped, path)
             if value is MISSING:

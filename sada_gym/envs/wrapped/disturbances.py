@@ -24,6 +24,9 @@ from sada_gym.parameters import Parameter
 Env = gym.Env[Any, Any]
 Generator = np.random.Generator
 
+_MOST_STEPS = 1_000_000
+"""The most steps of a delay, which are kept in memory, and of a repetition."""
+
 
 class _Wrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Disturbs one episode as much as a value says, by a generator of its own."""
@@ -161,11 +164,17 @@ class Disturbance(ParameterBinding):
         """Return the parameter of this name; raise `UserError` for a range too wide or empty."""
         values = self._values(name)
         numbers = all(isinstance(value, int | float) for value in values)
-        if not numbers or min(values) < self.minimum or max(values) > self.maximum:
-            limit = "" if self.maximum == np.inf else f" and at most {self.maximum:g}"
+        whole = numbers and all(float(value).is_integer() for value in values)
+        maximum = _MOST_STEPS if self.whole else self.maximum
+        if (
+            not numbers
+            or (self.whole and not whole)
+            or not all(self.minimum <= value <= maximum for value in values)
+        ):
+            limit = "" if maximum == np.inf else f" and at most {maximum:g}"
             raise UserError(
-                f"Expected {type(self).__name__} {name!r} of at least {self.minimum:g}{limit}, got "
-                f"{values}. Mend its range."
+                f"Expected {type(self).__name__} {name!r} of at least {self.minimum:g}{limit}, "
+                f"{'whole numbers, ' if self.whole else ''}got {values}. Mend its range."
             )
         return super().parameter(name)
 

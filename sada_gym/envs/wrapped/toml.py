@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from datetime import date, time
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -60,6 +61,7 @@ _WORDS_OF_KEYS = {
 _TEXTS = {"max_steps": ("own",)}
 """The texts that stand beside another type."""
 
+_WHOLE = 2**63
 _NAMES = {"VecNormalize": object}
 """Names that only type checkers load."""
 
@@ -86,6 +88,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
     missing = [key for key in required if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
+    _check_values(table, path)
     _check_types(table, keys, path)
     arguments = {**table, "agent": _agent(table["agent"], path)}
     if "valid" in table:
@@ -156,6 +159,24 @@ def _fits(value: Any, types: Sequence[type]) -> bool:
     if isinstance(value, bool):
         return bool in types
     return isinstance(value, tuple(types)) or (isinstance(value, int) and float in types)
+
+
+def _check_values(table: Mapping[str, Any], path: Path) -> None:
+    """Raise `UserError` for dates and for whole numbers that TOML does not have, however deep."""
+    parts: list[Any] = [table]
+    while parts:
+        part = parts.pop()
+        if isinstance(part, dict | list):
+            parts += part.values() if isinstance(part, dict) else part
+        elif isinstance(part, date | time):
+            raise UserTypeError(
+                f"Expected no dates or times in {path}, got {part}. Write a text in quotes."
+            )
+        elif isinstance(part, int) and not -_WHOLE <= part < _WHOLE:
+            raise UserError(
+                f"Expected whole numbers of 64 bits in {path}, got one of {part.bit_length() + 1} "
+                "bits. Write a smaller one, or a number with a point."
+            )
 
 
 def _check_types(
