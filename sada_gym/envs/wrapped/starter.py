@@ -248,7 +248,9 @@ def _keywords(kind: type, factory: EnvFactory) -> dict[str, float]:
 
 def _steady(env: gym.Env[Any, Any], world: Any) -> dict[str, tuple[str, float]]:
     """List the numbers of an environment that an episode leaves as they are: name, path, value."""
-    paths = {name: name for name in vars(world) if not name.startswith("_")}
+    kinds = type(world).__mro__
+    of_class = [name for kind in kinds for name, value in vars(kind).items() if is_number(value)]
+    paths = {name: name for name in (*vars(world), *of_class) if name[0] != "_"}
     model: Any = getattr(world, "model", None)
     if hasattr(model, "opt") and hasattr(model, "body_mass"):  # MuJoCo's
         paths["gravity"] = "model.opt.gravity[2]"

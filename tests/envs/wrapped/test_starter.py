@@ -16,6 +16,7 @@ from sada_gym.files import read_toml
 class Slide(gym.Env):
     """A block on a slope: what is a parameter, what is state, what is refused, what is dead."""
 
+    slope = 1.0
     observation_space = gym.spaces.Box(-np.inf, np.inf, (1,))
     action_space = gym.spaces.Discrete(2)
 
@@ -31,7 +32,8 @@ class Slide(gym.Env):
         return np.array([1.0], np.float32), {}
 
     def step(self, action):
-        self.speed = 0.9 * self.speed - 0.1 * self.gravity * self.friction + self.pull * action
+        force = -0.1 * self.gravity * self.friction * self.slope + self.pull * action
+        self.speed = 0.9 * self.speed + force
         return np.array([self.speed], np.float32), float(self.speed), False, False, {}
 
 
@@ -61,6 +63,7 @@ def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
     parameters = table["parameters"]
     assert parameters["gravity"] == [-11.0, -9.09]  # half to twice is refused
     assert parameters["friction"] == [0.25, 1.0]
+    assert parameters["slope"] == [0.5, 2.0]  # of the class
     assert parameters["pull"] == {"kind": "attribute", "low": 2, "high": 8, "integer": True}
     assert {"speed", "spare"}.isdisjoint(parameters)
     assert "# spare = [1.5, 6.0]  # now 3  # changed nothing when it was tried" in file.read_text()
