@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import Floats, Floats32, real_scores
+from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
@@ -98,6 +99,7 @@ class Application(ABC):
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         agent: The agent under test, or None if it is part of the world.
         nominal: mu, (d,), of the world in ordinary use, or None if it is unknown.
+        density: How likely worlds are in ordinary use, or None if it is unknown.
         render_fps: Frames of `replay` in a second of its episode.
     """
 
@@ -110,6 +112,7 @@ class Application(ABC):
     agent: Any = None
     agent_name: str = ""
     nominal: Floats32 | None = None
+    density: WorldDensity | None = None
     _on_error: OnError = "raise"  # where a worker process dies in a world, see `watch`
     _timeout: float | None = None  # seconds that a worker process may take for a world
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from typing import Any
 
 from pydantic import Field
 from typing_extensions import Self
@@ -148,6 +149,27 @@ class UniformQueries(Strict):
     fooled: int
 
 
+class FailureProbability(Strict):
+    """How often the agent fails in ordinary use, by uniform worlds.
+
+    These are training queries, and of `random` the test samples.
+
+    Attributes:
+        density: The densities of parameters by name, see `sada_gym.densities`; worlds outside their
+            ranges are left out.
+        held: The share of the density that lies in the ranges.
+        worlds: The number of uniform worlds that are valid.
+        worth: How many draws from the density these are worth.
+    """
+
+    probability: float
+    interval_95: tuple[float, float]
+    density: dict[str, dict[str, Any]]
+    held: float
+    worlds: int
+    worth: float
+
+
 class RunReport(Measures):
     """The contents of result.json: the measures of a run, and its settings.
 
@@ -160,6 +182,8 @@ class RunReport(Measures):
         flags: What a reader must know, such as that no training query fooled.
         invalid: The worlds that broke; None where there are none.
         uniform: The training queries that were uniform; None where there are none.
+        in_use: How often the agent fails in ordinary use; None where no density is known, or no
+            query tells.
         nominal: The world in ordinary use, and what makes the agent fail there; None where the
             application does not know that world.
         influences: How much of the failure probability's variance each parameter explains, by all
@@ -174,6 +198,7 @@ class RunReport(Measures):
     where: FailureRegions
     invalid: InvalidWorlds | None = None
     uniform: UniformQueries | None = None
+    in_use: FailureProbability | None = None
     nominal: NominalWorld | None = None
     influences: tuple[Influence, ...] = ()
 

@@ -30,10 +30,11 @@ from sada_gym.experiment.measure import (
     summarise_distances,
 )
 from sada_gym.experiment.nominal import SEEDS, NominalWorld, explore_nominal
-from sada_gym.experiment.record import RunReport, RunSettings, UniformQueries
+from sada_gym.experiment.record import FailureProbability, RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.failure_regions import failure_regions
 from sada_gym.measures.novelty import Neighbours, image_neighbours
+from sada_gym.measures.rates import weighted_rate
 from sada_gym.measures.sensitivity import Influence, fit_failures
 from sada_gym.parameters import Mu
 
@@ -228,6 +229,7 @@ class Run:
             ),
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
+            in_use=self._failure_probability(),
             nominal=self._nominal_world() if explain else None,
             influences=self._influences() if explain else (),
         )
@@ -262,6 +264,27 @@ class Run:
             return None
         fooled = int(worlds.fooled(self._threshold).sum())
         return UniformQueries(worlds=len(worlds), fooled=fooled)
+
+    def _failure_probability(self) -> FailureProbability | None:
+        density = self.application.density
+        part = self.adversary.uniform_part(len(self.queries))
+        pools = [self.queries[np.arange(part)]]
+        if self.settings.experiment.adversary.name == "random":
+            pools.append(self.samples)
+        worlds = Evaluations.joined(pools).valid
+        if density is None or not len(worlds):
+            return None
+        rate = weighted_rate(worlds.fooled(self._threshold), density.log_density(worlds.mu))
+        if rate is None:
+            return None
+        return FailureProbability(
+            probability=rate.rate,
+            interval_95=(rate.low, rate.high),
+            density=density.data,
+            held=density.held,
+            worlds=len(worlds),
+            worth=rate.worth,
+        )
 
     @cached_property
     def ideal_samples(self) -> Evaluations | None:

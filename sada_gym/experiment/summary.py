@@ -9,11 +9,14 @@ from sada_gym.cards import find_card
 from sada_gym.experiment.folder import RESULT_FILE
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.nominal import NominalWorld
-from sada_gym.experiment.record import RunReport
+from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import number
 
 AFR = "attack fooling rate"
+
+_ALL_HELD = 0.995
+_FEW_DRAWS = 30
 
 
 def title(report: RunReport) -> str:
@@ -36,6 +39,8 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
     if report.influences:
         yield "what matters", _influences(report.influences)
     yield "uniform worlds", _uniform_rate(report)
+    if report.in_use is not None:
+        yield "in ordinary use", _in_use(report.in_use)
     if report.nominal is not None:
         yield "nominal world", _nominal(report.nominal)
         if not report.nominal.fooled * 2 > report.nominal.evaluations:
@@ -72,6 +77,17 @@ def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
     width = max(len(name) for name, _ in rows)
     lines = [f"  {name:<{width}}   {text}" for name, text in rows]
     return "\n".join([title(report), *lines, results_line(folder, pictures)])
+
+
+def _in_use(found: FailureProbability) -> str:
+    low, high = found.interval_95
+    text = f"fails with probability {_percent(found.probability)} (95 % interval {100 * low:.1f} "
+    text += f"to {100 * high:.1f}), by {found.worlds:,} uniform worlds worth {found.worth:.0f}"
+    if found.held < _ALL_HELD:
+        text += f"; the ranges hold {_percent(found.held)} of such worlds"
+    if found.worth < _FEW_DRAWS:
+        text += ". That is little: ask more, or shrink the ranges to what occurs"
+    return text
 
 
 def _invalid(invalid: InvalidWorlds, report: RunReport) -> str:

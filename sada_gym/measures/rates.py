@@ -44,6 +44,46 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
     return FoolingRate(fooled, len(q), fooled / len(q), low, high)
 
 
+@dataclass(frozen=True)
+class WeightedRate:
+    """A rate of failures by importance weights, its 95 % interval, and how many draws it is worth.
+
+    It is worth fewer draws than there are worlds, because few of these weigh much.
+    """
+
+    rate: float
+    low: float
+    high: float
+    worth: float
+
+
+def weighted_rate(fooled: npt.ArrayLike, log_weights: npt.ArrayLike) -> WeightedRate | None:
+    """Estimate how often the agent fails under a density, from worlds drawn by another one.
+
+    The weights are those of self-normalised importance sampling. The interval is Wilson's for as
+    many trials as the worlds are worth: Kish's effective number (1965), or less where the variance
+    of the estimate (Owen 2013, section 9.2) says so.
+
+    Args:
+        fooled: Whether each of n worlds fooled the agent, (n,).
+        log_weights: The logarithms of density over density, (n,), up to a constant; maybe -inf.
+
+    Returns:
+        The rate; None where no world has a weight.
+    """
+    failed, logs = np.asarray(fooled, np.float64), np.asarray(log_weights, np.float64)
+    if not len(logs) or logs.max() == -np.inf:
+        return None
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    rate, worth = float(np.clip(weights @ failed, 0.0, 1.0)), float(1.0 / (weights**2).sum())
+    variance = float((weights**2) @ (failed - rate) ** 2)
+    if variance > 0.0:
+        worth = min(worth, rate * (1.0 - rate) / variance)
+    low, high = _wilson(rate, max(worth, 1.0))
+    return WeightedRate(rate, low, high, worth)
+
+
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the 95 % interval of a rate (Wilson 1927).
 
@@ -53,11 +93,15 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
         raise UserError(
             f"Expected 0 <= successes <= trials, trials >= 1; got {successes} of {trials}."
         )
-    rate, shrink = successes / trials, _Z95**2 / trials
+    return _wilson(successes / trials, trials)
+
+
+def _wilson(rate: float, trials: float) -> tuple[float, float]:
+    shrink = _Z95**2 / trials
     centre = rate + shrink / 2
     margin = _Z95 * math.sqrt(rate * (1 - rate) / trials + shrink / (4 * trials))
-    low = 0.0 if successes == 0 else (centre - margin) / (1 + shrink)
-    high = 1.0 if successes == trials else (centre + margin) / (1 + shrink)
+    low = 0.0 if rate == 0.0 else (centre - margin) / (1 + shrink)
+    high = 1.0 if rate == 1.0 else (centre + margin) / (1 + shrink)
     return low, high
 
 

@@ -27,6 +27,7 @@ from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.agents.remote.places import Address, Program, place_of
 from sada_gym.application import INFEASIBLE, INVALID_SCORE, OnError, Scored, check_declared
 from sada_gym.arrays import Floats32
+from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
@@ -254,6 +255,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         check_distinct(bindings)
         places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
         known = [place for place in places if place is not None]
+        given = {key: binding.density for key, binding in bindings.items()}
+        densities = {key: density for key, density in given.items() if density is not None}
+        self.density = WorldDensity(self.parameters, densities) if densities else None
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return EpisodeSpec(
             factory,

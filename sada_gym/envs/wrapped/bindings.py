@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 from sada_gym.arrays import as_array
+from sada_gym.densities import Density
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
 from sada_gym.envs.wrapped.paths import (
@@ -49,7 +50,8 @@ class ParameterBinding(ABC):
         choices: Values to choose from, equal parts of [-1, 1], instead of `low` and `high`.
         integer: Whether the values are the whole numbers from `low` to `high`, equal parts each.
         log: Whether mu is even in the logarithm of the values, which all have one sign.
-        nominal: The value in ordinary use; None takes the environment's own.
+        nominal: The value in ordinary use, or its density as `sada_gym.densities.Density` takes
+            it; None takes the environment's own value.
     """
 
     low: float | None = None
@@ -58,7 +60,7 @@ class ParameterBinding(ABC):
     choices: tuple[Any, ...] = field(default=(), kw_only=True)
     integer: bool = field(default=False, kw_only=True)
     log: bool = field(default=False, kw_only=True)
-    nominal: float | str | bool | None = field(default=None, kw_only=True)
+    nominal: float | str | bool | Mapping[str, Any] | None = field(default=None, kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
@@ -127,6 +129,9 @@ class ParameterBinding(ABC):
         Raises:
             UserError: If the given `nominal` lies outside the range, or is none of the choices.
         """
+        if (density := self.density) is not None:
+            centre = density.centre
+            return self._place(round(centre) if self.integer and is_number(centre) else centre)
         present = self.present(name, factory, env) if self.nominal is None else self.nominal
         place = self._place(present)
         if place is None and self.nominal is not None:
@@ -136,6 +141,11 @@ class ParameterBinding(ABC):
                 "range, or leave nominal out."
             )
         return place
+
+    @property
+    def density(self) -> Density | None:
+        """The density of `nominal`; None where that is none. It raises `UserError` if it is bad."""
+        return Density(self.nominal) if isinstance(self.nominal, Mapping) else None
 
     def _place(self, value: Any) -> float | None:
         if self.choices:

@@ -446,3 +446,27 @@ def test_what_cannot_be_set_or_scaled_gets_a_sentence(binding, message):
     with pytest.raises(ValueError, match=message):
         rigged(0.0, it=binding)
     assert SHARED == {"mass": 2.0}
+
+
+def test_a_density_of_ordinary_use_is_kept_as_data():
+    application = reach(
+        Slippery,
+        parameters={
+            "speed": Keyword(0.05, 0.2, nominal={"normal": [0.1, 0.01]}),
+            "surface": Keyword(
+                choices=("wet", "dry"), nominal={"values": ["dry", "wet"], "weights": [3, 1]}
+            ),
+            "lanes": Keyword(2, 6, integer=True, nominal={"uniform": [3, 5]}),
+            "wind": (0.0, 0.05),
+        },
+    )
+    assert [*application.density.densities] == ["speed", "surface", "lanes"]
+    (values,) = application._values(application.nominal[None])
+    assert values == {"speed": pytest.approx(0.1), "surface": "dry", "lanes": 4, "wind": 0.0}
+    drawn = application._values(application.density.sample(400, np.random.default_rng(0)))
+    assert np.mean([row["surface"] == "dry" for row in drawn]) == pytest.approx(0.75, abs=0.08)
+    assert {row["lanes"] for row in drawn} == {3, 4, 5}
+    assert "nominal" not in application.settings["parameters"]["speed"]
+    assert reach().density is None
+    with pytest.raises(ValueError, match="Expected a density as"):
+        reach(parameters={"speed": Keyword(0.05, 0.2, nominal={"gauss": [0.1, 0.01]})})

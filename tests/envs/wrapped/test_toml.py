@@ -79,6 +79,24 @@ state = { kind = "attribute", low = 0.5, high = 2, factor = true, paths = "state
     assert nominal == pytest.approx([0.5, 1.0, 0.5, 0.0], abs=1e-6)
 
 
+def test_a_density_in_a_file_tells_how_often_the_agent_fails_in_use(pole, tmp_path):
+    use = "{ 'truncated-normal' = [9.8, 2.0, 5.0, 20.0] }"
+    table = f'gravity = {{ kind = "attribute", low = 5, high = 20, nominal = {use} }}'
+    pole.write_text(POLE.replace("gravity = [5, 20.0]", table))
+    options = ["--budget", "20", "--samples", "30", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(app, ["attack", str(pole), "--adversary", "random", *options])
+    assert result.exit_code == 0, result.output
+    assert "fails with probability" in " ".join(result.output.split())
+    in_use = json.loads((tmp_path / "run" / "result.json").read_text())["in_use"]
+    low, high = in_use["interval_95"]
+    assert 0.0 <= low <= in_use["probability"] <= high <= 1.0
+    assert in_use["density"] == {"gravity": {"truncated-normal": [9.8, 2.0, 5.0, 20.0]}}
+    assert (in_use["worlds"], in_use["held"]) == (30, pytest.approx(1.0))
+    pole.write_text(POLE.replace("gravity = [5, 20.0]", table.replace("2.0,", "0.0,")))
+    with pytest.raises(UserError, match="sd above 0"):
+        read_application(pole)
+
+
 def test_a_file_means_what_the_constructor_means(pole, model):
     read = read_application(pole)
     made = GymnasiumApplication(
