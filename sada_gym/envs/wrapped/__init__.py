@@ -18,6 +18,7 @@ from sada_gym.envs.wrapped.disturbances import (
     ObservationNoise,
     RepeatedActions,
 )
+from sada_gym.envs.wrapped.forces import Push, Wind
 from sada_gym.envs.wrapped.scores import Episode
 from sada_gym.envs.wrapped.validity import mujoco_fault
 
@@ -35,7 +36,9 @@ __all__ = [
     "ObservationDropout",
     "ObservationNoise",
     "ParameterBinding",
+    "Push",
     "RepeatedActions",
     "ResetOption",
+    "Wind",
     "mujoco_fault",
 ]

@@ -28,7 +28,7 @@ _MOST_STEPS = 1_000_000
 """The most steps of a delay, which are kept in memory, and of a repetition."""
 
 
-class _Wrapper(gym.Wrapper[Any, Any, Any, Any]):
+class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Disturbs one episode as much as a value says, by a generator of its own."""
 
     def __init__(self, env: Env, value: Any, rng: Generator) -> None:
@@ -36,7 +36,7 @@ class _Wrapper(gym.Wrapper[Any, Any, Any, Any]):
         self.value, self.rng = value, rng
 
 
-class _NoisyObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     def __init__(
         self,
         env: Env,
@@ -71,7 +71,7 @@ class _NoisyObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
         return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
 
 
-class _LateObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+class _LateObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._queue: deque[Any] = deque(maxlen=self.value + 1)
         return super().reset(**kwargs)
@@ -81,7 +81,7 @@ class _LateObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
         return self._queue[0]
 
 
-class _LostObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+class _LostObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._last: list[Any] = []
         return super().reset(**kwargs)
@@ -93,7 +93,7 @@ class _LostObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
         return self._last[0]
 
 
-class _LateActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+class _LateActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         space = self.action_space
         zeros = [np.zeros(space.shape)] * self.value if isinstance(space, spaces.Box) else []
@@ -105,12 +105,12 @@ class _LateActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
         return self._queue[0]
 
 
-class _ScaledActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+class _ScaledActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
     def action(self, action: Any) -> Any:
         return np.asarray(action, np.float64) * self.value
 
 
-class _NoisyActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+class _NoisyActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
     def action(self, action: Any) -> Any:
         space = self.action_space
         if isinstance(space, spaces.Box):
@@ -127,7 +127,7 @@ class _NoisyActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
         return self.rng.integers(2, size=space.shape).astype(space.dtype)
 
 
-class _RepeatedSteps(_Wrapper):
+class _RepeatedSteps(EpisodeWrapper):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         total = 0.0
         for _ in range(int(self.value)):
@@ -142,7 +142,7 @@ class _RepeatedSteps(_Wrapper):
 class Disturbance(ParameterBinding):
     """A disturbance of what the agent sees or does: it wraps the environment for one episode."""
 
-    wrapper: ClassVar[type[_Wrapper]]
+    wrapper: ClassVar[type[EpisodeWrapper]]
     layer: ClassVar[int]
     """Where its wrapper stands among those of an episode, from the inside out."""
     minimum: ClassVar[float] = 0.0

@@ -19,7 +19,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.agents.remote.places import place_of
-from sada_gym.envs.wrapped import bindings, disturbances
+from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.files import as_path, read_toml
@@ -38,6 +38,8 @@ KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
         disturbances.ActionDelay,
         disturbances.ActionGain,
         disturbances.RepeatedActions,
+        forces.Wind,
+        forces.Push,
     )
 }
 """The `kind` of a parameter's table, and the binding whose fields its other keys are."""
