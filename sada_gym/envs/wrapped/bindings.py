@@ -64,6 +64,11 @@ class ParameterBinding(ABC):
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
+        for flag in ("integer", "log", "factor"):
+            if not isinstance(given := getattr(self, flag, False), bool):
+                raise UserTypeError(
+                    f"Expected {flag} of {name!r} to be True or False, got {given!r}."
+                )
         if self.choices:
             if isinstance(self.choices, str) or len(self.choices) < 2:
                 raise UserError(

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -44,7 +45,8 @@ class _Entry:
         )
 
 
-def _steps(path: str) -> list[str | _Entry]:
+@cache
+def _steps(path: str) -> tuple[str | _Entry, ...]:
     steps: list[str | _Entry] = []
     rest = f".{path}"
     while rest:
@@ -55,7 +57,7 @@ def _steps(path: str) -> list[str | _Entry]:
             raise _no_path(path)
         steps.append(match[0] if entry is None else _Entry(_place(entry, path)))
         rest = rest[match.end() :]
-    return steps
+    return tuple(steps)
 
 
 def _place(entry: re.Match[str], path: str) -> Any:

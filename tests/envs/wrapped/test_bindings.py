@@ -220,6 +220,8 @@ def test_choices_and_whole_numbers_take_equal_parts():
         (Keyword(0.0, 1.0, choices=(1, 2)), "either choices or low and high"),
         (Keyword(0.5, 2.0, integer=True), "whole numbers as low and high"),
         (Keyword("a", 2.0), "numbers as low and high"),
+        (Keyword(1.0, 2.0, log="yes"), "log of 'mine' to be True or False, got 'yes'"),
+        (Attribute(1.0, 2.0, factor=1), "factor of 'mine' to be True or False, got 1"),
         (Keyword(), "numbers as low and high"),
         (Keyword(3, 3, integer=True), "low < high"),
         (Keyword(0.0, np.nan), "low < high"),
