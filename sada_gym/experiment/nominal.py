@@ -14,11 +14,14 @@ from sada_gym.parameters import Mu, ParameterSpace
 SEEDS = 3
 """Evaluations of a world; the agent fails there if it fails in most of them."""
 
+_SHARE = 0.25
+"""With one evaluation a world where the search would cost more than this share of the budget."""
+
 _STEPS = 5
 """Halvings of the way from the nominal value to a value that fails."""
 
 Play = Callable[[Mu], Evaluations]
-"""Evaluates each world `SEEDS` times in a row."""
+"""Evaluates each world equally often, in a row."""
 
 
 class SmallestChange(Strict):
@@ -61,17 +64,27 @@ class NominalWorld(Strict):
     nearest: NearestFailure | None
 
 
+def most_worlds(dimension: int) -> int:
+    """Count the worlds that `explore_nominal` plays at most."""
+    return 1 + 2 * dimension * (1 + _STEPS)
+
+
+def seeds_within(budget: int, dimension: int) -> int:
+    """Choose how often each world is evaluated in a run with so many training queries."""
+    return SEEDS if SEEDS * most_worlds(dimension) <= _SHARE * budget else 1
+
+
 def explore_nominal(
     space: ParameterSpace, nominal: Floats32, play: Play, known: Evaluations, threshold: float
 ) -> NominalWorld:
     """Play the nominal world, (d,), and look for the smallest change of each parameter that fails.
 
-    Both ends of each range are tried, and where one fails, the way there is halved a few times: at
-    most 3 (1 + 7 x 2 d) evaluations. `known` are evaluations whose failures count as known.
+    Both ends of each range are tried, and where one fails, the way there is halved a few times:
+    `most_worlds(d)` at most. `known` are evaluations whose failures count as known.
     """
     record = play(nominal[None])
     smallest: list[SmallestChange] = []
-    if not _fails(record, threshold)[0]:
+    if not _fails(record, 1, threshold)[0]:
         smallest = _smallest_changes(space, nominal, play, threshold)
     return NominalWorld(
         parameters=space.describe(nominal),
@@ -90,12 +103,12 @@ def _smallest_changes(
     axes, ends = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
     away = np.abs(ends - nominal[axes]) > 0
     axes, ends = axes[away], ends[away]
-    fails = _fails(play(_moved(nominal, axes, ends)), threshold)
+    fails = _fails(play(_moved(nominal, axes, ends)), len(axes), threshold)
     axes, failing = axes[fails], ends[fails]
     holding = nominal[axes].astype(np.float64)
     for _ in range(_STEPS if len(axes) else 0):
         middle = (holding + failing) / 2.0
-        fails = _fails(play(_moved(nominal, axes, middle)), threshold)
+        fails = _fails(play(_moved(nominal, axes, middle)), len(axes), threshold)
         holding, failing = np.where(fails, holding, middle), np.where(fails, middle, failing)
     order = np.argsort(np.abs(failing - nominal[axes]), kind="stable")
     usual, found = space.physical(nominal[None])[0], list[SmallestChange]()
@@ -114,8 +127,9 @@ def _moved(nominal: Floats32, axes: np.ndarray, values: Floats) -> Mu:
     return mu
 
 
-def _fails(record: Evaluations, threshold: float) -> Bools:
-    fails: Bools = record.fooled(threshold).reshape(-1, SEEDS).sum(axis=1) * 2 > SEEDS
+def _fails(record: Evaluations, count: int, threshold: float) -> Bools:
+    """Say in which of so many worlds the agent fails, (count,)."""
+    fails: Bools = record.fooled(threshold).reshape(count, -1).mean(axis=1) > 0.5
     return fails
 
 

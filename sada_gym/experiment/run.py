@@ -29,7 +29,7 @@ from sada_gym.experiment.measure import (
     measure,
     summarise_distances,
 )
-from sada_gym.experiment.nominal import SEEDS, NominalWorld, explore_nominal
+from sada_gym.experiment.nominal import NominalWorld, explore_nominal, most_worlds, seeds_within
 from sada_gym.experiment.record import FailureProbability, RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.failure_regions import failure_regions
@@ -238,17 +238,18 @@ class Run:
         space, nominal = self.application.parameters, self.application.nominal
         if nominal is None or not self._protocol.budget:
             return None
+        seeds = seeds_within(self._protocol.budget, len(space))
         oracle = Oracle(
             self._evaluator,
-            budget=SEEDS * (1 + 14 * len(space)),
+            budget=seeds * most_worlds(len(space)),
             seed=self.settings.seed,
             stream="validation",
             progress=functools.partial(self._report, "measure"),
         )
 
         def play(mu: Mu) -> Evaluations:
-            oracle(np.repeat(mu, SEEDS, axis=0))
-            return oracle.record[np.arange(-SEEDS * len(mu), 0)]
+            oracle(np.repeat(mu, seeds, axis=0))
+            return oracle.record[np.arange(-seeds * len(mu), 0)]
 
         known = Evaluations.joined([self.queries, self.samples])
         return explore_nominal(space, nominal, play, known, self._threshold)

@@ -6,7 +6,7 @@ from toy import Toy
 
 from sada_gym.attack import attack
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.nominal import SEEDS, explore_nominal
+from sada_gym.experiment.nominal import SEEDS, explore_nominal, most_worlds, seeds_within
 from sada_gym.parameters import Parameter, ParameterSpace
 
 SPACE = ParameterSpace(Parameter("mass", 0.0, 10.0, "kg"), Parameter("wind", -4.0, 4.0))
@@ -44,7 +44,7 @@ def test_the_smallest_change_of_each_parameter_is_found():
     assert 6.5 < mass.value <= 6.5 + 8.0 / 2**5
     assert found.nearest.parameters == pytest.approx({"mass": 7.5, "wind": -3.6}, abs=1e-5)
     assert found.nearest.change == pytest.approx(0.55)
-    assert world.count <= SEEDS * (1 + 14 * len(SPACE))
+    assert world.count <= SEEDS * most_worlds(len(SPACE))
 
 
 def test_what_fails_at_neither_end_is_not_named():
@@ -93,3 +93,8 @@ def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
         Toy(), "random", budget=200, samples=50, out=tmp_path, pictures=False, progress=False
     ).report
     assert report.nominal is None
+
+
+def test_a_small_budget_pays_for_one_evaluation_a_world():
+    assert most_worlds(3) == 37
+    assert (seeds_within(444, 3), seeds_within(443, 3)) == (SEEDS, 1)
