@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -36,10 +37,14 @@ STATIC = ("board.css", "board.js")
 MARK = "board.json"
 """A file of every site that was built here. A folder with other contents is not replaced."""
 
+OnStep = Callable[[str], None]
+
 _MAX_BYTES = 2**22
 
 
-def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
+def build_site(
+    entries: Path, out: Path, *, pictures: bool = True, on_step: OnStep = lambda _: None
+) -> Board:
     """Build the site from entries, in place of one that was built before.
 
     The same entries make the same bytes.
@@ -49,13 +54,18 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
         out: The folder of the site.
         pictures: Whether to draw samples and fooled worlds. Those that `out` already has of the
             same samples are kept.
+        on_step: Called with a few words before each step.
 
     Raises:
         UserError: If an entry cannot be read, or `out` holds something else.
     """
     _check_own_folder(out)
-    board = make_board(read_entries(entries))
-    files = dict(site_files(board, Pictures(pictures, out)))
+    on_step(f"reading the entries in {entries}")
+    read = read_entries(entries)
+    on_step(f"ranking {len(read)} entries")
+    board = make_board(read)
+    files = dict(site_files(board, Pictures(pictures, out), on_step))
+    on_step(f"writing {len(files)} files to {out}")
 
     def fill(folder: Path) -> None:
         for path, content in files.items():
@@ -68,15 +78,20 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
     return board
 
 
-def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
+def site_files(
+    board: Board, pictures: Pictures, on_step: OnStep = lambda _: None
+) -> Iterator[tuple[str, bytes]]:
     """Return the site's files: each one's place and content."""
     render = partial(_render, _environment(), board)
     listed = entries_sheet(board)
     sheets = [board.strongest, listed]
     for group in board.groups:
+        on_step(f"the page of {group.card.title}")
         yield from render(f"{group.card.page}.html", "group.html", group=group)
         sheets += _sheets_of(group)
-    for entry in board.entries:
+    for number, entry in enumerate(board.entries, start=1):
+        name = f"the page of the entry {entry.metadata.name}"
+        on_step(f"{name}, {number} of {len(board.entries)}, and its pictures")
         page = entry_page(board, entry, pictures)
         yield from render(page.path, "entry.html", page=page)
         sheets += [section.sheet for section in page.sections]
@@ -233,9 +248,19 @@ def main(
     entries: Annotated[Path, typer.Option(help="The folder of the entries.")] = HERE / "entries",
     pictures: Annotated[bool, typer.Option(help="Draw samples and fooled worlds.")] = True,
 ) -> None:
-    """Build the board's static site from the entries."""
+    """Build the board's static site from the entries.
+
+    Each step is told while it is done. Drawing the pictures of all entries takes some 15 minutes;
+    those that the folder already has are kept.
+    """
+    begun = time.monotonic()
+
+    def tell(step: str) -> None:
+        minutes, seconds = divmod(int(time.monotonic() - begun), 60)
+        typer.echo(f"{minutes:3}:{seconds:02} {step}", err=True)
+
     with errors_as_sentences():
-        board = build_site(entries, out, pictures=pictures)
+        board = build_site(entries, out, pictures=pictures, on_step=tell)
     typer.echo(f"{len(board.entries)} entries are on the board: open {out / 'index.html'}.")
 
 

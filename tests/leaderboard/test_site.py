@@ -6,6 +6,7 @@ import functools
 import http.server
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -166,6 +167,16 @@ def test_no_entry_is_a_board_too(few_applications, tmp_path):
     assert not (out / "pictures").exists()
 
 
+def test_each_step_is_told(entries, site, few_applications, tmp_path):
+    told = []
+    build_site(entries, tmp_path / "site", pictures=False, on_step=told.append)
+    assert told[:2] == [f"reading the entries in {entries}", "ranking 9 entries"]
+    pages = [step for step in told if step.startswith("the page of the entry")]
+    assert len(pages) == 9
+    assert pages[-1].endswith("9 of 9, and its pictures")
+    assert re.fullmatch(r"writing \d+ files to .*", told[-1])
+
+
 def test_the_citation_is_that_of_the_repository(site):
     text, index = (ROOT / "CITATION.cff").read_text(encoding="utf-8"), site / "index.html"
     shown = index.read_text(encoding="utf-8")
@@ -203,6 +214,7 @@ def test_the_command_builds_the_site(entries, tmp_path):
         [*command, str(tmp_path / "site")], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert "9 entries are on the board" in done.stdout
+    assert re.search(r"^ *\d+:\d\d ranking 9 entries$", done.stderr, re.MULTILINE)
     (tmp_path / "mine").write_text("mine")
     refused = subprocess.run([*command, str(tmp_path)], cwd=ROOT, capture_output=True, text=True)
     assert refused.returncode == 2
