@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
 import importlib.util
 import os
 import re
@@ -122,6 +124,53 @@ def test_code_blocks_run(page: Path, tmp_path: Path) -> None:
     script = tmp_path / "page.py"
     script.write_text(smaller("\n".join(blocks(page, "python"))), encoding="utf-8")
     run_script(script, *PATHS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if len([*blocks(page, "python")]) > 1],
+    ids=lambda page: page.stem,
+)
+def test_each_code_block_runs_alone(page: Path, tmp_path: Path) -> None:
+    """Each block in a process of its own; files that a block before has written stay."""
+    for number, block in enumerate(blocks(page, "python")):
+        script = tmp_path / f"block_{number}.py"
+        script.write_text(smaller(block), encoding="utf-8")
+        run_script(script, *PATHS)
+
+
+@everywhere
+def test_a_code_block_names_nothing_that_stands_in_another(page: Path) -> None:
+    """Also those that are not run can be pasted alone."""
+    text = page.read_text(encoding="utf-8")
+    for block in re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        assert _unbound(block) == set(), block
+
+
+def _unbound(script: str) -> set[str]:
+    """Return the names that a script uses and nowhere binds."""
+    nodes = [*ast.walk(ast.parse(script))]
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    bound = {node.id for node in names if not isinstance(node.ctx, ast.Load)}
+    for node in nodes:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            bound.add(node.name)
+        elif isinstance(node, ast.arg):
+            bound.add(node.arg)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            bound |= {(name.asname or name.name).partition(".")[0] for name in node.names}
+        elif isinstance(node, ast.ExceptHandler) and node.name:
+            bound.add(node.name)
+    return {node.id for node in names} - bound - {*dir(builtins), "__name__", "__file__"}
+
+
+@everywhere
+def test_no_empty_line_breaks_a_table(page: Path) -> None:
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        _, ruler, *_ = [*table.splitlines(), ""]
+        assert re.fullmatch(r"\|([ :]*-+[ :]*\|)+", ruler), table
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
