@@ -98,7 +98,9 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
     columns = min(4, len(shown))
     rows = -(-len(shown) // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
-    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    chosen = [bool(space.parameters[i].choices) for i in shown]
+    mixed = any(chosen) and not all(chosen)  # few bars are much higher than many
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=not mixed)
     values, fooled = space.physical(samples.mu), samples.fooled(threshold)
     for i, axes in enumerate(grid.flat):
         if i >= len(shown):
@@ -129,8 +131,12 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
         axes.set_xlabel(axis_label(parameter))
         tidy(axes, grid="y")
         span(axes, "x", parameter)
+    many = [axes for axes, few in zip(grid.flat, chosen, strict=False) if not few]
+    for axes in many if mixed else ():
+        axes.set_ylim(0.0, max(other.get_ylim()[1] for other in many))
     for axes in grid[:, 0]:
         axes.set_ylabel("samples (%)")
+    for axes in grid.flat if mixed else grid[:, 0]:
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)

@@ -226,3 +226,17 @@ def test_both_axes_of_a_map_name_what_they_show():
     axes = scatter(space, drawn(40, 2), drawn(40, 2), 0.3).axes[0]
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["sun", "rain", "hail"]
     assert "\N{MINUS SIGN}10" in [tick.get_text() for tick in axes.get_xticklabels()]
+
+
+def test_few_choices_do_not_press_the_other_bars_flat():
+    space = ParameterSpace(
+        Parameter("weather", 0.0, 3.0, choices=("sun", "rain", "hail")),
+        Parameter("friction", 0.0, 1.0),
+        Parameter("mass", 0.0, 1.0),
+    )
+    samples = drawn(400, 3)
+    samples.mu[:, 0] = 0.9
+    weather, friction, mass = marginals(space, samples, 0.3).axes[:3]
+    assert weather.get_ylim()[1] > 100.0
+    assert friction.get_ylim() == mass.get_ylim()
+    assert friction.get_ylim()[1] < 20.0
