@@ -12,7 +12,7 @@ import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -63,32 +63,37 @@ class Transform(ABC):
         """Change the observations of some episodes."""
 
 
-class _Pointwise(Transform):
-    """Changes each batch by a method of a wrapper of SB3's."""
+class TransposeImage(Transform):
+    """Does what `VecTransposeImage` does: an image's channels come first.
 
-    method: ClassVar[str]
+    The wrapper itself is not kept: it holds the training's environment, which a worker process
+    does not need, and which cannot always be pickled.
+    """
 
-    def __init__(self, wrapper: Any) -> None:
+    def __init__(self, wrapper: VecTransposeImage) -> None:
+        images = getattr(wrapper, "image_space_keys", [ALONE])
+        self._images = frozenset() if wrapper.skip else frozenset(images)
+
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        """Move the channels of a batch of images."""
+        return {
+            key: VecTransposeImage.transpose_image(part) if key in self._images else part
+            for key, part in observation.items()
+        }
+
+
+class Normalize(Transform):
+    """Does what `VecNormalize` does, with frozen statistics."""
+
+    def __init__(self, wrapper: VecNormalize) -> None:
         self.wrapper = wrapper
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        change = getattr(self.wrapper, self.method)
+        """Normalise a batch of observations."""
         if [*observation] == [ALONE]:
-            return {ALONE: change(observation[ALONE])}
-        changed: Batch = change(dict(observation))
+            return {ALONE: self.wrapper.normalize_obs(observation[ALONE])}
+        changed: Batch = self.wrapper.normalize_obs(dict(observation))
         return changed
-
-
-class TransposeImage(_Pointwise):
-    """Does what `VecTransposeImage` does: an image's channels come first."""
-
-    method = "transpose_observations"
-
-
-class Normalize(_Pointwise):
-    """Does what `VecNormalize` does, with frozen statistics."""
-
-    method = "normalize_obs"
 
 
 class StackFrames(Transform):

@@ -17,8 +17,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 from wrapped_toys import Reach, balance, cart_pole, pendulum, reach, worlds
 
+from sada_gym import GymnasiumApplication
 from sada_gym.attack import attack
-from sada_gym.envs.wrapped import Function
+from sada_gym.envs.wrapped import Function, Keyword
 from sada_gym.testing.purity import assert_pure
 
 
@@ -44,6 +45,46 @@ def test_sb3_models_are_pure_with_what_they_were_trained_under():
     ]
     assert_pure(application, n=5, sizes=(1, 2, 5))
     assert application.fingerprint
+
+
+class Picture(gym.Env):
+    """Shows a picture, and can be neither copied nor pickled once it was made."""
+
+    observation_space = spaces.Box(0, 255, (36, 40, 3), np.uint8)
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, brightness=100):
+        self.brightness = brightness
+        self.handle = vars(Picture)  # a mappingproxy
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.left = 4
+        return self._seen(), {}
+
+    def step(self, action):
+        self.left -= 1
+        return self._seen(), float(action), self.left == 0, False, {}
+
+    def _seen(self):
+        return self.np_random.integers(self.brightness, size=(36, 40, 3), dtype=np.uint8)
+
+
+def test_models_of_pictures_go_to_workers_without_the_environment_of_their_training():
+    model = PPO("CnnPolicy", Picture(), n_steps=8, batch_size=8, seed=0, device="cpu")
+    application = GymnasiumApplication(
+        Picture,
+        agent=model,
+        agent_id="of pictures",
+        parameters={"brightness": Keyword(50, 250, integer=True)},
+        score=("return", 0.0, 4.0),
+        fooling_threshold=0.5,
+        max_steps=4,
+    )
+    assert [type(transform).__name__ for transform in application.policy._transforms] == [
+        "TransposeImage"
+    ]
+    assert_pure(application, n=3, sizes=(2,))
 
 
 def test_statistics_of_a_file_do_what_the_models_own_do(tmp_path):
