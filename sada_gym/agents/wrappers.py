@@ -90,10 +90,11 @@ class Normalize(Transform):
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Normalise a batch of observations."""
-        if [*observation] == [ALONE]:
-            return {ALONE: self.wrapper.normalize_obs(observation[ALONE])}
-        changed: Batch = self.wrapper.normalize_obs(dict(observation))
-        return changed
+        alone = [*observation] == [ALONE]
+        given: Any = observation[ALONE] if alone else dict(observation)
+        changed: Any = self.wrapper.normalize_obs(given)
+        normalised: Batch = {ALONE: changed} if alone else changed
+        return normalised
 
 
 class StackFrames(Transform):
