@@ -13,6 +13,7 @@ from toy import Toy
 from sada_gym import Parameter, ParameterSpace, make_application
 from sada_gym.attack import attack
 from sada_gym.errors import FileError, UserError
+from sada_gym.evaluation.evaluator import Evaluated, Evaluator
 from sada_gym.experiment.folder import SOURCE_FILE, read_samples, write_samples
 from sada_gym.files import read_model
 from sada_gym.measures.rates import attack_fooling_rate
@@ -280,3 +281,34 @@ def test_worlds_that_break_there_count_in_no_figure(tmp_path):
     assert 0 < row.invalid == broken.sum()
     assert row.afr_there.samples == row.afr_here.samples == (~broken).sum()
     assert row.afr_there == row.afr_here  # the others are the same worlds
+
+
+@pytest.mark.parametrize("count", [None, 30])
+def test_worlds_that_broke_in_the_run_count_in_no_figure(tmp_path, count):
+    weak = breaking("raises")
+    folder = run(tmp_path / "run", weak, samples=60)
+    invalid = read_samples(folder / "samples.npz").invalid[:count]
+    given = {"application": weak, "samples": count}
+    (row,) = transfer(folder, breaking("none"), **given).comparisons
+    assert 0 < row.invalid == invalid.sum()
+    assert row.afr_there.samples == row.afr_here.samples == (~invalid).sum()
+    again = transfer(folder, breaking("none"), **given)  # from the store
+    assert again.comparisons == (row,)
+
+
+def test_worlds_that_break_in_the_confirmation_are_marked_in_its_file(tmp_path, monkeypatch):
+    folder = run(tmp_path / "run", samples=40)
+    known = read_samples(folder / "samples.npz")
+    known.invalid[:2] = True
+    write_samples(folder / "samples.npz", known)
+    evaluate = Evaluator.evaluate
+
+    def with_a_broken_world(self, mu, seeds, *more):
+        answer = evaluate(self, mu, seeds, *more)
+        return Evaluated(answer.scores, answer.cached, {1: "it broke", 5: "it broke"})
+
+    monkeypatch.setattr(Evaluator, "evaluate", with_a_broken_world)
+    found = confirm(folder, {"volume": 0.2})
+    assert np.flatnonzero(read_samples(folder / "confirmed.npz").invalid).tolist() == [1, 5]
+    assert found.comparison.invalid == 3
+    assert found.comparison.afr_there.samples == found.comparison.afr_here.samples == 37

@@ -120,17 +120,21 @@ def attack(
 
 
 def _show_stop(folder: Path) -> None:
+    from sada_gym.errors import StoreError
     from sada_gym.evaluation.store import EvaluationStore
     from sada_gym.experiment.folder import STORE_FILE
 
-    path, kept = folder / STORE_FILE, 0
+    path, kept = folder / STORE_FILE, "No evaluation"
     if path.exists():
-        with EvaluationStore(path) as store:
-            kept = len(store)
-    if kept:
-        show_resume_hint(f"{kept:,} evaluations are kept in {path}.", "--resume")
-    else:
+        try:
+            with EvaluationStore(path) as store:
+                kept = f"{len(store):,} evaluations" if len(store) else kept
+        except StoreError:  # a stop at a bad moment leaves it open; what is in it is safe
+            kept = "The evaluations"
+    if kept == "No evaluation":
         say("\nStopped before the first evaluation. Nothing is kept.", console=err)
+    else:
+        show_resume_hint(f"{kept} are kept in {path}.", "--resume")
 
 
 def _show_result(result: AttackResult) -> None:

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import venv
@@ -94,6 +95,39 @@ def test_thirty_lines_serve_from_a_python_without_this_package(bare_python, tmp_
         assert application.agent_name == "balancer-1"
         assert application.fingerprint
         assert_pure(application, n=3, sizes=(1, 2), other_process=False)
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no Unix sockets")
+@pytest.mark.parametrize(
+    ("before", "family"),
+    [
+        ("", "AF_UNIX"),
+        ("os.environ['SADA_GYM_CONNECT_UNIX'] = '/nowhere'", "AF_INET"),
+        ("del os.environ['SADA_GYM_CONNECT_UNIX']", "AF_INET"),
+    ],
+)
+def test_a_unix_socket_is_used_where_it_can(before, family, tmp_path, monkeypatch):
+    (tmp_path / "t").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "t"))
+    (tmp_path / "serve.py").write_text(
+        f"import os, sada_gym\n{before}\nsada_gym.serve(lambda seen: 1, name='right')\n"
+    )
+    opened = place_of([sys.executable, "serve.py"], tmp_path).open(60.0)
+    try:
+        assert opened.channel._connection.family.name == family
+    finally:
+        opened.close()
+    assert not any((tmp_path / "t").iterdir())
+
+
+def test_a_started_program_connects_where_a_path_is_too_long_for_a_socket(tmp_path, monkeypatch):
+    (tmp_path / ("long" * 40)).mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / ("long" * 40)))
+    (tmp_path / "serve.py").write_text(thirty_lines())
+    application = cart_pole(agent=["python", str(tmp_path / "serve.py")], agent_id=None)
+    with closing(application):
+        assert (scores(application) == scores(cart_pole())).all()
+    assert not any((tmp_path / ("long" * 40)).iterdir())
 
 
 class Counts:

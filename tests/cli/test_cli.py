@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import sada_gym
 from sada_gym import adversaries
 from sada_gym.cli import app
-from sada_gym.cli.console import errors_as_sentences, key_values, say
+from sada_gym.cli.console import Terminated, errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
@@ -536,3 +536,26 @@ def test_a_stop_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers, 
     _, printed = done.communicate(timeout=60)
     assert done.returncode == 0, printed
     assert log.read_text().count("\n") == 310 - kept
+
+
+@pytest.mark.parametrize("still_open", [False, True])
+def test_a_stop_that_leaves_the_store_open_says_how_to_resume(tmp_path, monkeypatch, still_open):
+    left = []
+
+    def stopped(*_, out, **__):
+        store = EvaluationStore(out / "run.sqlite")
+        left.append(store)
+        if not still_open:
+            store.close()
+        raise Terminated
+
+    monkeypatch.setattr("sada_gym.attack.attack", stopped)
+    (tmp_path / "an out").mkdir()
+    result = run("attack", "SADA-Analytic-v0", "--out", tmp_path / "an out")
+    assert result.exit_code == 143
+    if still_open:
+        left[0].close()
+        assert f"The evaluations are kept in {tmp_path / 'an out'}/run.sqlite" in result.output
+        assert "--resume" in result.output
+    else:
+        assert "Nothing is kept" in result.output

@@ -118,20 +118,26 @@ class RemoteAgent:
 
     def _asked(self, arrays: Batch, which: Indices) -> Array:
         rows, answers = self._rows or len(which), []
+        if rows == len(which):
+            return self._asked_at_once(arrays, which.tolist())
         for first in range(0, len(which), rows):
             chosen = slice(first, first + rows)
             real = len(which[chosen])
             part = {key: _filled(value[chosen], rows) for key, value in arrays.items()}
             episodes = which[chosen].tolist() + [-1] * (rows - real)
-            header = {
-                "type": "act",
-                "start": self._first,
-                "count": self._count,
-                "episodes": episodes,
-            }
-            answers.append(self._actions(self._exchange(header, part), rows)[:real])
-            self._first = False
+            answers.append(self._asked_at_once(part, episodes)[:real])
         return np.concatenate(answers) if len(answers) > 1 else answers[0]
+
+    def _asked_at_once(self, arrays: Batch, episodes: list[int]) -> Array:
+        header = {
+            "type": "act",
+            "start": self._first,
+            "count": self._count,
+            "episodes": episodes,
+        }
+        actions = self._actions(self._exchange(header, arrays), len(episodes))
+        self._first = False
+        return actions
 
     def _actions(self, message: Message, rows: int) -> Array:
         shape = (rows, *(self._interface.action_space.shape or ()))

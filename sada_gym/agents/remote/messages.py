@@ -14,6 +14,7 @@ import socket
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from gymnasium import spaces
 PROTOCOL = 1
 CONNECT = "SADA_GYM_CONNECT"
 """The environment variable that tells a started program where to connect: host:port."""
+
+CONNECT_UNIX = "SADA_GYM_CONNECT_UNIX"
+"""The path of a Unix socket, a faster way to the same place, on systems that have them."""
 
 MAX_HEADER_BYTES = 64 * 2**20
 MAX_ARRAY_BYTES = 2**31
@@ -47,7 +51,7 @@ class _Listed:
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
 
-    @property
+    @cached_property
     def size(self) -> int:
         return math.prod(self.shape) * self.dtype.itemsize
 
@@ -74,11 +78,13 @@ class _Listed:
 class Channel:
     """Messages over one connection; without a timeout it waits for ever.
 
-    Most headers are those of the last message, and are not written or read again.
+    Most headers are those of the last message, and are not written or read again: such a message
+    comes with the same dictionary.
     """
 
     def __init__(self, connection: socket.socket, timeout_s: float | None = None) -> None:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if connection.family in (socket.AF_INET, socket.AF_INET6):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.settimeout(timeout_s)
         self._connection, self._incoming = connection, connection.makefile("rb")
         self._sent: tuple[Any, bytes] = (None, b"")

@@ -8,13 +8,17 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from sada_gym.agents.remote import keeper
-from sada_gym.agents.remote.messages import CONNECT, Channel
+from sada_gym.agents.remote.messages import CONNECT, CONNECT_UNIX, Channel
 from sada_gym.errors import UserError, UserTypeError
 
 _TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):(\d{1,5})")
@@ -90,14 +94,17 @@ class Program:
 
     def open(self, timeout_s: float) -> Link:
         """Start the program and wait until it connects; raise `Unreachable` if it does not."""
-        with socket.create_server(("127.0.0.1", 0)) as waiting:
-            waiting.settimeout(_LOOK_EACH_S)
-            port = waiting.getsockname()[1]
+        with ExitStack() as stack:
+            waiting = [stack.enter_context(socket.create_server(("127.0.0.1", 0)))]
+            port = waiting[0].getsockname()[1]
             environment = {CONNECT: f"127.0.0.1:{port}", "PYTHONUNBUFFERED": "1"}
+            if (unix := _unix_socket(stack)) is not None:
+                waiting.append(unix)
+                environment[CONNECT_UNIX] = unix.getsockname()
             program = subprocess.Popen(
                 [sys.executable, "-I", "-S", keeper.__file__, self._executable, *self.command[1:]],
                 cwd=self.folder,
-                env={**os.environ, **environment},
+                env={**_outer_environment(), **environment},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
             )
@@ -148,15 +155,33 @@ def place_of(given: Any, folder: str | Path = ".") -> Address | Program | None:
     return Program(tuple(given), os.path.abspath(folder))
 
 
+def _unix_socket(stack: ExitStack) -> socket.socket | None:
+    """Listen on a Unix socket that this user alone can reach; None where there is none."""
+    if not hasattr(socket, "AF_UNIX"):
+        return None
+    try:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sada-gym-"))
+        listening = stack.enter_context(socket.socket(socket.AF_UNIX))
+        listening.bind(os.path.join(folder, "agent"))
+        listening.listen()
+    except OSError:  # no place for files, or a path too long for a socket: TCP is enough
+        return None
+    return listening
+
+
+def _outer_environment() -> dict[str, str]:
+    """Return our variables without the addresses of an attack that started this process."""
+    return {key: value for key, value in os.environ.items() if key not in (CONNECT, CONNECT_UNIX)}
+
+
 def _awaited(
-    waiting: socket.socket, program: subprocess.Popen[bytes], timeout_s: float
+    waiting: Sequence[socket.socket], program: subprocess.Popen[bytes], timeout_s: float
 ) -> socket.socket:
     until = time.monotonic() + timeout_s
     while True:
-        try:
-            return waiting.accept()[0]
-        except TimeoutError:
-            status = program.poll()
+        for ready in wait(waiting, _LOOK_EACH_S):
+            return cast(socket.socket, ready).accept()[0]
+        status = program.poll()
         if status is not None:
             raise Unreachable(
                 f"it ended with status {status} before it connected{printed(_ended(program))}"

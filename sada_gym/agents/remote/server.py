@@ -20,6 +20,7 @@ from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.agents.given import agent_of
 from sada_gym.agents.remote.messages import (
     CONNECT,
+    CONNECT_UNIX,
     OBSERVATION,
     PROTOCOL,
     Array,
@@ -72,8 +73,7 @@ def serve(
     served = _Served(file or agent, name, allow_pickle, vec_normalize)
     asked_by = os.environ.get(CONNECT)
     if asked_by:
-        where, _, number = asked_by.rpartition(":")
-        served.answer(socket.create_connection((where, int(number))))
+        served.answer(_connected(asked_by, os.environ.get(CONNECT_UNIX)))
         return
     check_integer("port", port, 0, 2**16 - 1)
     try:
@@ -90,6 +90,20 @@ def serve(
                 threading.Thread(target=served.answer, args=(connection,), daemon=True).start()
         except KeyboardInterrupt:
             return
+
+
+def _connected(address: str, path: str | None) -> socket.socket:
+    """Connect to an attack by its Unix socket; by host:port where there is none or it fails."""
+    if path and hasattr(socket, "AF_UNIX"):
+        connection = socket.socket(socket.AF_UNIX)
+        try:
+            connection.connect(path)
+        except OSError:  # such as in a container that has other files
+            connection.close()
+        else:
+            return connection
+    host, _, port = address.rpartition(":")
+    return socket.create_connection((host, int(port)))
 
 
 class _Served:
@@ -172,7 +186,9 @@ class _Session:
 
     def __init__(self, agent: Agent[Any, Any], interface: Interface) -> None:
         self._agent, self._interface = agent, interface
+        self._header: Mapping[str, Any] = {}
         self._arrays: Mapping[str, Array] = {}
+        self._which: Indices = np.empty(0, np.intp)
         self._rows: dict[int, int] = {}
         self._seeds: dict[int, int] = {}
         keys = [*keyed(interface.observation_space)]
@@ -180,19 +196,28 @@ class _Session:
 
     def act(self, message: Message) -> dict[str, Array]:
         header, self._arrays = message
+        if header is not self._header:
+            self._read_header(header)
+        if header.get("start") is True:
+            seeds = self._arrays.get("episode_seeds", np.zeros(len(self._which), np.uint32))
+            self._seeds = dict(zip(self._which.tolist(), seeds.tolist(), strict=True))
+            self._agent.start(header["count"])
+        actions = self._agent.act(self, self._which)
+        return {"actions": _sendable(actions, len(self._which), self._interface)}
+
+    def _read_header(self, header: Mapping[str, Any]) -> None:
         episodes, count = header.get("episodes"), header.get("count")
         missing = [name for name in self._names.values() if name not in self._arrays]
         if not isinstance(episodes, list) or type(count) is not int or missing:
             raise Nonsense(f"no episodes, count or {', '.join(missing)}")
+        self._which = np.array(episodes, np.intp)
+        self._which.flags.writeable = False  # the next message may have the same header
         self._rows = {episode: row for row, episode in enumerate(episodes)}
-        if header.get("start") is True:
-            seeds = self._arrays.get("episode_seeds", np.zeros(len(episodes), np.uint32))
-            self._seeds = dict(zip(episodes, seeds.tolist(), strict=True))
-            self._agent.start(count)
-        actions = self._agent.act(self, np.array(episodes, np.intp))
-        return {"actions": _sendable(actions, len(episodes), self._interface)}
+        self._header = header
 
     def observe(self, which: Indices) -> Batch:
+        if which is self._which:
+            return {key: self._arrays[name] for key, name in self._names.items()}
         rows = [self._rows[i] for i in which.tolist()]
         return {key: self._arrays[name][rows] for key, name in self._names.items()}
 
