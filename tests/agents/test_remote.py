@@ -364,7 +364,7 @@ def test_what_names_no_agent_gets_a_sentence(agent, message):
 def test_nobody_at_an_address_gets_a_sentence():
     with pytest.raises(UserError, match=r"nobody is there .*Start the agent's server"):
         cart_pole(agent=f"tcp://127.0.0.1:{free_port()}")
-    with pytest.raises(UserError, match="agent_timeout .* above 0 and of at most 1e6, got 0"):
+    with pytest.raises(UserError, match=r"agent_timeout .* above 0 and of at most 1e6, got 0"):
         cart_pole(agent_timeout=0)
 
 
