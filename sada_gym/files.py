@@ -213,7 +213,11 @@ def shown(text: str) -> str:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; raise `FileError` if it cannot be read, is too large or no TOML."""
-    content = read_file(path, MAX_TOML_BYTES)
+    return parse_toml(read_file(path, MAX_TOML_BYTES), path)
+
+
+def parse_toml(content: bytes, path: Path) -> dict[str, Any]:
+    """Parse the content of a TOML file; messages name `path`. A `FileError` if it is no TOML."""
     try:
         return tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # a decoding error is a ValueError too

@@ -325,7 +325,7 @@ class _Task:
     def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
         run, there = self.run, self.there
         with settled.counting() as report:
-            score, invalid = _scores(
+            score, invalid = stored_scores(
                 there.evaluator, self.mu, run.seeds, run.folder / STORE_FILE, report
             )
         scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64), invalid)
@@ -403,15 +403,22 @@ def map_samples(
     return moved, clipped
 
 
-def _scores(
+def stored_scores(
     evaluator: Evaluator,
     mu: Mu,
     seeds: list[int],
-    store: Path,
+    store: Path | None,
     report: Callable[[int, int], None],
 ) -> tuple[Floats, Bools]:
-    # an application that nothing identifies is scored without a store
-    if evaluator.application is not None and evaluator.application.fingerprint is not None:
+    """Score mu, (n, d), with n seeds, and keep the scores in a store.
+
+    Without a store, or for an application that nothing identifies, none is kept.
+
+    Returns:
+        The scores, (n,), and which worlds are invalid, (n,).
+    """
+    known = evaluator.application is not None and evaluator.application.fingerprint is not None
+    if store is not None and known:
         evaluator.attach(store)
     try:
         answer = evaluator.evaluate(mu, seeds, report)

@@ -24,6 +24,8 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),
     "confirm": ("confirm:confirm", "Score a run's samples in a slower, truer world.", {}),
+    "export": ("export:export", "Write a run's failures as a regression suite.", {}),
+    "regress": ("regress:regress", "Test another agent with a regression suite.", {}),
     "check": ("check:check", "Check an environment of your own.", _STRAY),
     "benchmark": ("benchmark:benchmark", "Compare adversaries.", _STRAY),
     "submit": ("submit:submit", "Make an entry of the leaderboard.", {}),

@@ -149,8 +149,11 @@ def show_resume_hint(kept: str, *more: str) -> None:
 
 
 @contextmanager
-def scores_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Show how many scores there are; Ctrl-C says how to go on and exits with code 130."""
+def scores_progress(*, kept: bool = True) -> Iterator[Callable[[int, int, int], None]]:
+    """Show how many scores there are; Ctrl-C exits with code 130.
+
+    If the scores are `kept`, it says how to go on.
+    """
     from sada_gym.experiment.run import RunProgress
     from sada_gym.progress import AttackProgress
 
@@ -165,7 +168,10 @@ def scores_progress() -> Iterator[Callable[[int, int, int], None]]:
 
             yield show
     except KeyboardInterrupt:
-        show_resume_hint(f"{done:,} scores are kept.")
+        if kept:
+            show_resume_hint(f"{done:,} scores are kept.")
+        else:
+            say("\nStopped. No score is kept; --store FILE keeps them.", console=err)
         raise typer.Exit(130) from None
 
 

@@ -37,6 +37,12 @@ def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
     return settings, samples
 
 
+def source_of(folder: Path) -> str | None:
+    """Return the TOML file that described what a run attacked; None where no file did."""
+    source = folder / SOURCE_FILE
+    return read_file(source, MAX_TOML_BYTES).decode().strip() if source.is_file() else None
+
+
 def check_samples(samples: Evaluations, opened: OpenTarget) -> None:
     """Raise a UserError for samples of another number of parameters than an application has."""
     if samples.mu.shape[1] != opened.dimension:
@@ -47,7 +53,12 @@ def check_samples(samples: Evaluations, opened: OpenTarget) -> None:
 
 
 def open_target(
-    settings: RunSettings, folder: Path, given: Application | str | None, *, call: str
+    settings: RunSettings,
+    folder: Path,
+    given: Application | str | None,
+    *,
+    call: str,
+    workers: int = 1,
 ) -> OpenTarget:
     """Open what a run attacked, and check that it is the same application, agent and version.
 
@@ -67,16 +78,15 @@ def open_target(
         f"Python: {call}."
     )
     target = settings.experiment.target
-    source = folder / SOURCE_FILE
-    if given is None and source.is_file():
-        given = read_file(source, MAX_TOML_BYTES).decode().strip()
+    if given is None:
+        given = source_of(folder)
     if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
             f"attacked {shown(target.track)} in an application of yours. {mend}"
         )
     try:
-        return target.open(given)
+        return target.open(given, workers=workers)
     except UserError as error:
         raise UserError(
             f"Expected to open {shown(str(target))} as the run in {folder} did, but: {error} {mend}"

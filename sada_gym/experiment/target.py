@@ -133,11 +133,13 @@ class Target(Strict):
 
         All other keywords stay. `options` are those of `OpenTarget.of`, whose errors it raises.
         """
+        keywords = {**self.env_kwargs(), **env_kwargs}
+        return OpenTarget.of(self.track, keywords, agent=agent or self.agent, **options)
+
+    def env_kwargs(self) -> dict[str, Any]:
+        """Find the keywords that its id was attacked with; a UserError if it cannot be opened."""
         with closing(_open(self.track, {}, self.agent)) as evaluator:
-            keywords = self._keywords(evaluator)
-        return OpenTarget.of(
-            self.track, {**keywords, **env_kwargs}, agent=agent or self.agent, **options
-        )
+            return self._keywords(evaluator)
 
     def _reopened(self, track: str, workers: int) -> Evaluator:
         evaluator = _open(track, {}, self.agent, workers=workers)

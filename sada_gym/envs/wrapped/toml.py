@@ -84,7 +84,14 @@ def read_application(path: str | Path) -> GymnasiumApplication:
             raises it.
     """
     path = as_path(path, "a TOML file")
-    table = read_toml(path)
+    return application_of(read_toml(path), path)
+
+
+def application_of(table: Mapping[str, Any], path: Path) -> GymnasiumApplication:
+    """Make the application that the table of a TOML file describes, see `read_application`.
+
+    Paths in the table are relative to the folder of `path`, which need not exist.
+    """
     keys, required = application_keys()
     check_known(f"key in {path}", table, [*keys])
     missing = [key for key in required if key not in table]

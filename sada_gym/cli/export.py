@@ -1,0 +1,62 @@
+"""`sada-gym export`: the failures of a run as a regression suite."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from sada_gym.cli.console import errors_as_sentences, option, say, scores_progress, workers_option
+
+
+def export(
+    runs: list[Path] = typer.Argument(
+        metavar="RUN...", help="Folders that `sada-gym attack` wrote, of one track and agent."
+    ),
+    out_file: Path = option(
+        ..., "The suite: a .json file, or a folder for suite.json.", "--out", metavar="SUITE"
+    ),
+    confirm: int = option(
+        3, "Fresh seeds on most of which a world must fail, or pass, again.", minimum=0
+    ),
+    workers: int = workers_option(1),
+    application: str | None = option(
+        None,
+        "What was attacked, where a run cannot say it.",
+        metavar="ID|FILE.toml",
+        shown="what RUN names",
+    ),
+    as_json: bool = option(False, "Print the suite as JSON.", "--json"),
+) -> None:
+    """Write failures, grouped and confirmed, and worlds like them that passed, as a suite.
+
+    `sada-gym regress` tests another agent with it. The same command goes on after a stop.
+    """
+    with errors_as_sentences():
+        from sada_gym.regression.export import export as write
+
+        with scores_progress() as progress:
+            exported = write(
+                runs,
+                out_file,
+                confirm=confirm,
+                application=application,
+                workers=workers,
+                on_scores=progress,
+            )
+    suite = exported.suite
+    if as_json:
+        typer.echo(suite.model_dump_json(indent=2))
+        return
+    failures = sum(case.objective == "failure" for case in suite.test_cases)
+    say(
+        f"{failures} failures in {len(suite.groups)} groups and {len(suite.test_cases) - failures} "
+        f"worlds like them that pass: {exported.path}",
+        lead="[bold]",
+    )
+    for number, group in enumerate(suite.groups, 1):
+        inside = [case for case in suite.test_cases if case.group == number]
+        count = sum(case.objective == "failure" for case in inside)
+        say(f"  {number}. {group} ({count} failures, {len(inside) - count} passes)")
+    if suite.unconfirmed:
+        say(f"{suite.unconfirmed} failures did not repeat on fresh seeds, and are left out.")

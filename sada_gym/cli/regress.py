@@ -1,0 +1,63 @@
+"""`sada-gym regress`: is an agent better or worse in the worlds of a suite?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from sada_gym.cli.console import errors_as_sentences, option, say, scores_progress, workers_option
+
+
+def regress(
+    suite: Path = typer.Argument(metavar="SUITE", help="What `sada-gym export` wrote."),
+    agent: str = option(..., "The agent to test.", metavar="NAME|FILE"),
+    baseline: str | None = option(
+        None, "The agent to compare it with.", metavar="NAME|FILE", shown="the suite's results"
+    ),
+    margin: float | None = option(
+        None,
+        "Pass if at 95 % confidence the rate of failing worlds grows by less, such as 0.05.",
+        shown="an exact test alone",
+    ),
+    workers: int = workers_option(1),
+    junit: Path | None = option(None, "Write JUnit XML.", metavar="FILE"),
+    markdown: Path | None = option(None, "Write Markdown for a pull request.", metavar="FILE"),
+    store: Path | None = option(None, "Keep the scores, to go on after a stop.", metavar="FILE"),
+    as_json: bool = option(False, "Print the result as JSON.", "--json"),
+) -> None:
+    """Test an agent in the worlds of a suite: what is mended, came back or broke newly?
+
+    Exit codes: 0 passed, 1 failed, 2 invalid input, 3 inconclusive.
+    """
+    with errors_as_sentences():
+        from sada_gym.files import write_file
+        from sada_gym.regression.junit import junit as as_junit
+        from sada_gym.regression.junit import markdown as as_markdown
+        from sada_gym.regression.regress import regress as test
+
+        with scores_progress(kept=store is not None) as progress:
+            result = test(
+                suite,
+                agent,
+                baseline=baseline,
+                margin=margin,
+                workers=workers,
+                store=store,
+                on_scores=progress,
+            )
+        if junit is not None:
+            write_file(junit, as_junit(result))
+        if markdown is not None:
+            write_file(markdown, as_markdown(result).encode())
+    if as_json:
+        typer.echo(result.model_dump_json(indent=2))
+        raise typer.Exit(result.exit_code)
+    compared = "what the suite expects" if result.baseline is None else result.baseline
+    say(f"{result.agent} on {result.track}, compared with {compared}", lead="[bold]")
+    for change, count in result.counts().items():
+        say(f"  {count:>4} {change}")
+    for difference in result.differences:
+        say(f"Different from the export: {difference}.", lead="[dim]")
+    say(f"{result.decision.status.capitalize()}. {result.decision.reason}")
+    raise typer.Exit(result.exit_code)

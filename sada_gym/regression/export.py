@@ -1,0 +1,306 @@
+"""Exports the failures of runs, confirmed and grouped, with passes like them, as a suite."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.agents.agent_files import find_agent_file
+from sada_gym.application import Application
+from sada_gym.arrays import Indices
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
+from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
+from sada_gym.experiment.finished import check_samples, open_target, read_run, source_of
+from sada_gym.experiment.folder import read_finished
+from sada_gym.experiment.record import RunSettings
+from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.files import MAX_TOML_BYTES, file_errors, parse_toml, read_file, shown
+from sada_gym.ids import names_file
+from sada_gym.parameters import Mu
+from sada_gym.regression.compare import verdict_of
+from sada_gym.regression.groups import distinct, match, places, words
+from sada_gym.regression.suite import (
+    Case,
+    File,
+    Item,
+    Ranged,
+    Suite,
+    Verdict,
+    suite_path,
+    write_suite,
+)
+from sada_gym.transfer import STORE_FILE, OnScores, stored_scores
+
+MOST_IN_GROUP = 10
+MOST_GROUPS = 20
+_ROUNDS = 3
+"""So many controls are tried for a failure, until one passes on fresh seeds."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A suite, and where it lies."""
+
+    path: Path
+    suite: Suite
+
+
+@dataclass(frozen=True)
+class _World:
+    """A world with its fresh seeds, and for how many of them it fooled."""
+
+    row: int
+    seeds: tuple[int, ...]
+    fooled_seeds: int
+    verdict: Verdict | None
+
+
+def export(
+    runs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    confirm: int = 3,
+    application: Application | str | None = None,
+    workers: int = 1,
+    on_scores: OnScores = lambda *_: None,
+) -> Exported:
+    """Write the failures of finished runs as a regression suite.
+
+    The failures among the samples and the training queries are grouped into distinct ones, at most
+    `MOST_GROUPS`. Of each group at most `MOST_IN_GROUP` that lie apart are confirmed: they stay
+    where they fail on most of `confirm` fresh seeds. Each gets the nearest world that passes on
+    most of its fresh seeds as a control. The fresh scores are kept in the first run's folder, so
+    that a call that was stopped goes on where it was.
+
+    Args:
+        runs: The folders that `attack` wrote, of one track and agent.
+        out: The suite's file, which ends in .json, or the folder for its `suite.json`.
+        confirm: The number of fresh seeds; 0 takes the run's own seed instead.
+        application: What the runs attacked, where they cannot say it, see `replay`.
+        workers: 1 evaluates in this process, more in as many others.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, a run is not finished or cannot be opened as it was, the
+            runs attacked different things, or nothing failed.
+    """
+    folders = [runs] if isinstance(runs, str | Path) else runs
+    if not isinstance(folders, Sequence) or not folders:
+        raise UserTypeError(f"Expected the folder of a run, or a list of them, got {runs!r}.")
+    check_integer("confirm", confirm, 0, 1_000)
+    path = suite_path(out)
+    call = f"sada_gym.regression.export.export({str(folders[0])!r}, ..., application=YOURS)"
+    read = [(Path(folder), *read_run(folder)) for folder in folders]
+    settings, target = read[0][1], read[0][1].experiment.target
+    _check_one_target([run for _, run, _ in read], [folder for folder, *_ in read])
+    with open_target(settings, read[0][0], application, call=call, workers=workers) as opened:
+        known = _known(read, opened)
+        chooser = _Chooser(opened, known, settings, read[0][0], confirm, on_scores)
+        cases, groups, unconfirmed = chooser.choose()
+        suite = Suite(
+            sources=tuple(f"{run} ({shown(folder.name)})" for folder, run, _ in read),
+            test_item=_item(target, read[0][0], application, path, settings.packages),
+            logical_scenario=tuple(map(Ranged.of, opened.parameters.parameters)),
+            pass_criterion=f"Q > {target.fooling_threshold:g} for at least half of the seeds",
+            groups=groups,
+            unconfirmed=unconfirmed,
+            test_cases=cases,
+        )
+    with file_errors("make the folder", path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_suite(path, suite)
+    return Exported(path, suite)
+
+
+class _Chooser:
+    """Chooses failures and their controls among known evaluations, and confirms them."""
+
+    def __init__(
+        self,
+        opened: OpenTarget,
+        known: Evaluations,
+        settings: RunSettings,
+        folder: Path,
+        confirm: int,
+        on_scores: OnScores,
+    ) -> None:
+        self._opened, self._known, self._seed = opened, known, settings.seed
+        self._threshold = settings.experiment.target.fooling_threshold
+        self._folder, self._confirm, self._on_scores = folder, confirm, on_scores
+        self._drawn = 0
+        self._fooled = known.fooled(self._threshold)
+        self._points = places(known.mu, opened.parameters)
+        if not self._fooled.any():
+            raise UserError(
+                f"Expected a run with failures, got {len(known):,} worlds in {folder}, none of "
+                "which fooled the agent. Attack it with a larger budget or another adversary."
+            )
+
+    def choose(self) -> tuple[tuple[Case, ...], tuple[str, ...], int]:
+        """Return the suite's cases, what its groups share, and how many were not confirmed."""
+        failing = np.flatnonzero(self._fooled)
+        chosen = [
+            failing[rows[:MOST_IN_GROUP]]
+            for rows in distinct(self._points[failing], self._opened.dimension)[:MOST_GROUPS]
+        ]
+        tried = self._confirmed(np.concatenate(chosen))
+        groups = [[tried[row] for row in rows if tried[row].verdict == "fail"] for rows in chosen]
+        groups = [worlds for worlds in groups if worlds]
+        unconfirmed = len(tried) - sum(map(len, groups))
+        if not groups:
+            raise UserError(
+                f"Expected failures that repeat on {self._confirm} fresh seeds, got none: all "
+                f"{unconfirmed} that were tried passed. Choose other seeds' number by --confirm, "
+                "or attack again."
+            )
+        controls = self._controls([world.row for worlds in groups for world in worlds])
+        cases = []
+        for number, worlds in enumerate(groups, 1):
+            for i, world in enumerate(worlds, 1):
+                cases.append(self._case(world, f"F{number:02}-{i:02}", number))
+                if control := controls.get(world.row):
+                    cases.append(self._case(control, f"C{number:02}-{i:02}", number))
+        rows = [np.array([world.row for world in worlds]) for worlds in groups]
+        shared = tuple(words(self._known.mu[of], self._opened.parameters) for of in rows)
+        return tuple(cases), shared, unconfirmed
+
+    def _controls(self, failures: list[int]) -> dict[int, _World]:
+        free = {*np.flatnonzero(~self._fooled & ~self._known.invalid).tolist()}
+        found: dict[int, _World] = {}
+        for _ in range(_ROUNDS):
+            open_rows = [row for row in failures if row not in found]
+            matched = match(self._points[open_rows], self._points, free)
+            if not matched:
+                break
+            tried = self._confirmed(np.array([*matched.values()], np.intp))
+            for place, row in matched.items():
+                if tried[row].verdict == "pass":
+                    found[open_rows[place]] = tried[row]
+        return found
+
+    def _confirmed(self, rows: Indices) -> dict[int, _World]:
+        """Evaluate worlds on fresh seeds; with none of them take what is known."""
+        count = self._confirm
+        if count:
+            seeds = evaluation_seeds(self._seed, "validation", self._drawn, count * len(rows))
+            self._drawn += len(seeds)
+
+            def report(done: int, cached: int) -> None:
+                self._on_scores(done, len(seeds), cached)
+
+            score, invalid = stored_scores(
+                self._opened.evaluator,
+                np.repeat(self._known.mu[rows], count, axis=0),
+                seeds,
+                self._folder / STORE_FILE,
+                report,
+            )
+        else:
+            known = self._known[rows]
+            count, seeds = 1, known.seed.tolist()
+            score, invalid = known.score, known.invalid
+        fooled = (fools(score, self._threshold) & ~invalid).reshape(-1, count)
+        own = [tuple(seeds[i : i + count]) for i in range(0, len(seeds), count)]
+        return {
+            row: _World(row, own[i], int(fooled[i].sum()), verdict_of(fooled[i], broken))
+            for i, (row, broken) in enumerate(
+                zip(rows.tolist(), invalid.reshape(-1, count), strict=True)
+            )
+        }
+
+    def _case(self, world: _World, name: str, group: int) -> Case:
+        assert world.verdict is not None
+        mu: Mu = self._known.mu[world.row]
+        return Case(
+            id=name,
+            objective="failure" if name.startswith("F") else "control",
+            group=group,
+            concrete_scenario=self._opened.parameters.describe(mu),
+            mu=tuple(mu.tolist()),
+            seeds=world.seeds,
+            expected_result=world.verdict,
+            fooled_seeds=world.fooled_seeds,
+        )
+
+
+def _known(
+    read: Sequence[tuple[Path, RunSettings, Evaluations]], opened: OpenTarget
+) -> Evaluations:
+    """Join the samples and training queries of runs; each world once."""
+    records = []
+    for folder, settings, samples in read:
+        check_samples(samples, opened)
+        opened.parameters.validate(samples.mu)
+        finished = read_finished(folder, settings, opened.dimension)
+        records += [samples] if finished is None else [samples, finished[2]]
+    joined = Evaluations.joined(records)
+    _, first = np.unique(joined.mu, axis=0, return_index=True)
+    return joined[np.sort(first)]
+
+
+def _check_one_target(runs: Sequence[RunSettings], folders: Sequence[Path]) -> None:
+    first = runs[0].experiment.target
+    for run, folder in zip(runs[1:], folders[1:], strict=True):
+        other = run.experiment.target
+        if (other.track, other.application) != (first.track, first.application):
+            raise UserError(
+                f"Expected runs that attacked one agent in one application, got {first} in "
+                f"{folders[0]} and {other} with other settings or weights in {folder}. Export "
+                "them one by one."
+            )
+
+
+def _item(
+    target: Target,
+    folder: Path,
+    given: Application | str | None,
+    suite: Path,
+    packages: dict[str, str],
+) -> Item:
+    source = source_of(folder) if given is None else given
+    if isinstance(source, str) and names_file(source):
+        path = Path(source)
+        content = read_file(path, MAX_TOML_BYTES)
+        return Item(
+            opened_by="toml",
+            target=target,
+            env_kwargs={},
+            toml=content.decode("utf-8-sig"),
+            folder=_relative(path.parent, suite),
+            agent_file=_file(parse_toml(content, path).get("agent"), path.parent, suite),
+            packages=packages,
+        )
+    by_id = not isinstance(source, Application)
+    return Item(
+        opened_by="id" if by_id else "python",
+        target=target,
+        env_kwargs=target.env_kwargs() if by_id else {},
+        toml=None,
+        folder=".",
+        agent_file=_file(target.agent, Path(), suite) if by_id else None,
+        packages=packages,
+    )
+
+
+def _file(agent: object, folder: Path, suite: Path) -> File | None:
+    """Describe an agent's file; None where the agent is none."""
+    if not isinstance(agent, str) or not agent:
+        return None
+    with suppress(FileError, OSError):
+        path = find_agent_file(folder / os.path.expanduser(agent))
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        return File(path=_relative(path, suite), sha256=digest)
+    return None
+
+
+def _relative(path: Path, suite: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, suite.parent)).as_posix()
+    except ValueError:  # another drive
+        return path.absolute().as_posix()
