@@ -233,7 +233,7 @@ def _parse(words: list[str]) -> None:
             given = inner.params
     if name != "submit":  # which takes any name
         assert given.get("adversary", "random") in adversaries.names()
-    if name != "init" and given.get("agent") is not None:  # which takes a file
+    if name not in ("init", "regress") and given.get("agent") is not None:  # which take a file
         assert given["agent"] in {*agents.names(), *fetchable()}
     subject = given.get("subject", "")
     if subject.endswith(".py") or subject.startswith("examples/"):

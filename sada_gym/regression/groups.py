@@ -12,6 +12,7 @@ _NEAR = 0.5
 
 _MOST_CLUSTERED = 2_000
 _NARROW = 0.5
+_FEWEST, _MOST_WORDS = 3, 3
 
 
 def places(mu: Mu, parameters: ParameterSpace) -> Floats:
@@ -76,13 +77,20 @@ def match(points: Floats, candidates: Floats, free: set[int]) -> dict[int, int]:
 
 
 def words(mu: Mu, parameters: ParameterSpace) -> str:
-    """Say where the worlds of a group, (n, d), lie: the ranges that are narrow, in units."""
-    parts = []
+    """Say where the worlds of a group, (n, d), lie: at most three ranges, in units.
+
+    They are those that are narrowest, and narrower than half of what n uniform points span.
+    """
+    if len(mu) < _FEWEST:
+        return "too few worlds to say where"
+    expected = 2 * (len(mu) - 1) / (len(mu) + 1)
+    widths = np.ptp(mu, axis=0)
+    narrowest = np.argsort(widths, kind="stable")[:_MOST_WORDS]
     physical = parameters.physical(mu)
-    for i, parameter in enumerate(parameters.parameters):
+    parts = []
+    for i in sorted(narrowest[widths[narrowest] <= _NARROW * expected].tolist()):
+        parameter = parameters.parameters[i]
         low, high = float(physical[:, i].min()), float(physical[:, i].max())
-        if np.ptp(mu[:, i]) > 2 * _NARROW:
-            continue
         ends = [parameter.text(low), parameter.text(high)]
         if ends[0] == ends[1]:
             parts.append(ends[0])

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
+import subprocess
+import sys
+import textwrap
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 import torch
+from stable_baselines3 import PPO
 from torch import nn
 from typer.testing import CliRunner
 
@@ -124,3 +130,39 @@ def test_a_track_takes_the_names_of_its_agents(tmp_path):
     content = json.loads(suite.read_text())
     assert json.loads(printed.stdout) == content
     assert content["test_item"]["env_kwargs"] == {"volume": 0.3}
+
+
+def jobs() -> dict[str, str]:
+    """Return the shell lines of the page's jobs that call `regress`."""
+    page = (Path(__file__).parents[2] / "docs" / "regression.md").read_text()
+    github = re.search(r"^      - run: \|\n((?: {10}.*\n)+)", page, re.MULTILINE)
+    gitlab = re.search(r"^    - (sada-gym regress .*)$", page, re.MULTILINE)
+    return {"github": textwrap.dedent(github[1]), "gitlab": gitlab[1]}
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize("server", ["github", "gitlab"])
+def test_the_jobs_of_the_page_work_as_printed(folder, tmp_path, server):
+    (tmp_path / "suites").mkdir()
+    shutil.copytree(folder / "suite", tmp_path / "suites" / "pole")
+    (tmp_path / "agents").mkdir()
+    untrained = PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu", n_steps=64)
+    with torch.no_grad():
+        untrained.policy.action_net.bias[:] = torch.tensor([100.0, -100.0])  # always to the left
+    untrained.save(tmp_path / "agents" / "new.zip")
+    command = f'sada-gym() {{ "{sys.executable}" -W ignore -m sada_gym "$@"; }}\n{jobs()[server]}'
+    summary = tmp_path / "summary.md"
+    done = subprocess.run(
+        ["bash", "-e", "-o", "pipefail", "-c", command],
+        cwd=tmp_path,
+        env={**os.environ, "GITHUB_STEP_SUMMARY": str(summary)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Failed. " in done.stdout
+    assert ET.parse(tmp_path / "regress.xml").findall(".//failure")
+    assert (tmp_path / "regress.md").read_text().startswith("### CartPole")
+    if server == "github":
+        assert summary.read_text() == (tmp_path / "regress.md").read_text()
