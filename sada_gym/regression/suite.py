@@ -160,7 +160,16 @@ def suite_path(given: str | Path) -> Path:
 
 
 def write_suite(path: Path, suite: Suite) -> None:
-    """Write a suite's file, whole or not at all; a FileError if it cannot be written."""
+    """Write a suite's file, whole or not at all.
+
+    Raises:
+        FileError: If it cannot be written, or another suite lies there, which may be edited.
+    """
+    if path.exists() and read_suite(path)[1] != suite:
+        raise FileError(
+            f"Expected no other suite in {path}, got one with other content, which may have been "
+            "edited. Remove it, or name another place by --out (out=)."
+        )
     write_model(path, suite)
 
 
@@ -191,5 +200,19 @@ def read_suite(given: str | Path) -> tuple[Path, Suite]:
         raise FileError(
             f"{expected} another one ({first_error(error)}). Restore the file, or mend that place."
         ) from error
-    _ = suite.parameters  # a range may have been edited
+    _check_scenarios(path, suite)
     return path, suite
+
+
+def _check_scenarios(path: Path, suite: Suite) -> None:
+    """Raise a FileError where a world's physical values are not those of its mu."""
+    parameters = suite.parameters
+    spans = {ranged.name: ranged.high - ranged.low for ranged in suite.logical_scenario}
+    for case, mu in zip(suite.test_cases, suite.mu, strict=True):
+        for name, value in parameters.describe(mu).items():
+            given = case.concrete_scenario[name]
+            if abs(given - value) > 1e-3 * spans[name]:
+                raise FileError(
+                    f"Expected {name} of {case.id!r} in {path} to be {value:.6g}, which its mu "
+                    f"says, got {given:.6g}. Edit both, or neither."
+                )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -167,6 +168,18 @@ def test_runs_of_one_agent_make_one_suite_and_others_are_refused(tmp_path):
         export([first, other], tmp_path / "s", application=Toy(2, offset=OLD))
 
 
+def test_an_edited_suite_is_not_overwritten(tmp_path):
+    folder, suite = run(tmp_path / "run"), tmp_path / "a suite" / "s.json"
+    again = {"application": Toy(2, offset=OLD), "confirm": 1}
+    content = export(folder, suite, **again).path.read_text()
+    assert export(folder, suite, **again).path.read_text() == content
+    edited = content.replace('"expected_result": "fail"', '"expected_result": "pass"', 1)
+    suite.write_text(edited)
+    with pytest.raises(FileError, match="may have been edited"):
+        export(folder, suite, **again)
+    assert suite.read_text() == edited
+
+
 def test_training_queries_count_too(tmp_path):
     folder = run(tmp_path / "run", adversary="gaussian", budget=200, samples=1)
     exported = export(folder, tmp_path / "s.json", application=Toy(2, offset=OLD))
@@ -210,6 +223,7 @@ def test_runs_without_failures_and_failures_that_do_not_repeat_are_told(tmp_path
         (lambda text: text.replace('"C01-01"', '"F01-01"', 1), "'F01-01' twice"),
         (lambda text: text.replace('"unit": "deg"', '"unite": "deg"', 1), "unite"),
         (lambda text: text.replace('"low": -90.0', '"low": 900.0', 1), "low < high"),
+        (lambda text: re.sub('"angle0_deg": [^,]*', '"angle0_deg": -80.0', text), "Edit both"),
         (lambda text: text.replace('"seeds": [', '"seeds": [-1,', 1), "seeds"),
         (lambda text: text.replace('"mu": [', '"mu": [0.1,', 1), "2 values from -1 to 1"),
     ],
