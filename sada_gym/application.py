@@ -100,11 +100,14 @@ class Application(ABC):
         agent: The agent under test, or None if it is part of the world.
         nominal: mu, (d,), of the world in ordinary use, or None if it is unknown.
         density: How likely worlds are in ordinary use, or None if it is unknown.
+        repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
+            simulator that cannot promise it says so; agents are then not asked twice.
         render_fps: Frames of `replay` in a second of its episode.
     """
 
     name: ClassVar[str]
     version: ClassVar[int] = 0
+    repeatable: ClassVar[bool] = True
     render_fps: ClassVar[int] = 4
     fooling_threshold: float
     sample_size: int
@@ -278,7 +281,7 @@ class Application(ABC):
         return self.agent is not None and not shipped
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
-        if self._brings_agent and "_asked_twice" not in self.__dict__:
+        if self.repeatable and self._brings_agent and "_asked_twice" not in self.__dict__:
             first, second = (
                 [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
                 for _ in range(2)

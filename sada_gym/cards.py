@@ -15,7 +15,7 @@ from sada_gym.lazy import load
 
 APPLICATIONS = (
     *("analytic", "detection", "driving", "uav", "robot", "digits", "pixel"),
-    "detection_coco",
+    *("detection_coco", "carla"),
 )
 """The folders of the applications, in the order of all listings."""
 
@@ -109,6 +109,8 @@ class ApplicationCard:
         application: `module:class` of the `Application`.
         requirements: `module:function` that says in a sentence which parts have to be installed
             before its ids work, empty where all are there; empty where none are needed.
+        repeatable: Whether a score repeats to the last bit. Others never take part in the
+            benchmark and on the leaderboard.
         clip: `module:function` that plays a world again as a clip, see `sada_gym.clips`;
             empty where the frames of `replay` are enough.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
@@ -131,6 +133,7 @@ class ApplicationCard:
     summary: str
     application: str
     requirements: str = ""
+    repeatable: bool = True
     clip: str = ""
     version: int = 0
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -169,7 +172,7 @@ class ApplicationCard:
     @property
     def board_tracks(self) -> tuple[str, ...]:
         """The ids that take part in the leaderboard: without tracks the general one."""
-        return self.track_ids or (self.id,)
+        return (self.track_ids or (self.id,)) if self.repeatable else ()
 
     @property
     def page(self) -> str:

@@ -78,6 +78,10 @@ class AgentLost(WorkerError):  # noqa: N818 - reads as what happened
     """An agent in a process of its own that died, stalled or answered nonsense."""
 
 
+class ServerLost(WorkerError):  # noqa: N818 - reads as what happened
+    """A simulator's server that died or stopped to answer."""
+
+
 def check_integer(name: str, value: object, minimum: int, maximum: int | None = None) -> None:
     """Raise `UserError` for anything but a whole number from minimum to maximum, if there is one.
 

@@ -49,7 +49,11 @@ import gymnasium as gym
 import sada_gym
 from sada_gym.cards import cards
 assert sada_gym.__file__.startswith(sys.argv[1]), sada_gym.__file__
-missing = {i: card.missing for card in cards() for i in (card.id, *card.track_ids)}
+missing = {
+    i: card.missing or ("" if card.repeatable else "needs a server")
+    for card in cards()
+    for i in (card.id, *card.track_ids)
+}
 for env_id in sada_gym.env_ids():
     if missing[env_id]:
         print(env_id, missing[env_id])

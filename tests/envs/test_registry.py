@@ -43,7 +43,7 @@ SAME_WORLDS = {card.id: card.track_id(card.same_as) for card in cards() if card.
 
 That it is the same is tested; the rest is then tested on the track alone.
 """
-INSTALLED = [card for card in cards() if not card.missing]
+INSTALLED = [card for card in cards() if not card.missing and card.repeatable]
 WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
 
 

@@ -16,8 +16,12 @@ SHIPPED = tuple(
 )
 """One id of each application: its other tracks run the same code in other worlds."""
 
-MISSING = {env_id: card.missing for card in cards() for env_id in (card.id, *card.track_ids)}
-"""By id: what has to be installed before it works; empty where all is there."""
+MISSING = {
+    env_id: card.missing if card.repeatable else "Its scores do not repeat to the last bit."
+    for card in cards()
+    for env_id in (card.id, *card.track_ids)
+}
+"""By id: why the tests of all ids cannot try it, such as a missing part; empty where they can."""
 
 
 def family(members: Iterable[Any], *fast: Any) -> list[Any]:

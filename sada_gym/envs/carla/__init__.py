@@ -1,0 +1,1 @@
+"""Self-driving in CARLA, on a server that the user runs."""
