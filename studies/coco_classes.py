@@ -1,6 +1,6 @@
 """Which classes of textured models become tracks of SADA-DetectionCoco, and with which pitch.
 
-    python -m studies.coco_classes --views 60 --worlds 100 --out runs/coco-classes
+    python -m studies.coco_classes --out runs/coco-classes
 
 The rule looks at no adversary:
 
@@ -126,8 +126,8 @@ def _percent(part: int, whole: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--views", type=int, default=60, help="nominal views of each model")
-    parser.add_argument("--worlds", type=int, default=100, help="uniform worlds of each range")
+    parser.add_argument("--views", type=int, default=200, help="nominal views of each model")
+    parser.add_argument("--worlds", type=int, default=200, help="uniform worlds of each range")
     parser.add_argument("--classes", nargs="*", default=list(CLASSES))
     parser.add_argument("--out", type=Path, default=Path("runs/coco-classes"))
     arguments = parser.parse_args()

@@ -102,12 +102,12 @@ def main() -> None:
     arguments.work.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for track in arguments.tracks:
-            name = make_application(track).name
-            card = card_of(name)
+            attacked = make_application(track)
+            card = card_of(attacked.name)
             blocks = -(-card.reference_points // BLOCK)
-            names = tuple(
-                n for n in agents.names(name) if arguments.agents is None or n in arguments.agents
-            )
+            # an agent that has to be fetched is no name of the application's
+            known = agents.names(attacked.name) or (attacked.agent_name,)
+            names = tuple(n for n in known if arguments.agents is None or n in arguments.agents)
             stem = f"{track}-{'-'.join(names)}"
             paths = [arguments.work / f"{stem}-{i}.npy" for i in range(blocks)]
             missing = [i for i, path in enumerate(paths) if not path.exists()]

@@ -21,8 +21,8 @@ CARD = ApplicationCard(
     # `studies.coco_classes` chose classes and models by its rule, before any adversary ran
     tracks={
         "Aeroplane": _track("aeroplane", "flightgear/737-300", parameters="unpainted"),
-        "Bench": _track("bench", "sweethome3d/concrete-bench"),
         "Bicycle": _track("bicycle", "sweethome3d/city-bicycle"),
+        "Bus": _track("bus", "flightgear/double-decker", parameters="unpainted"),
         "Car": _track(
             *("car", "sweethome3d/ford-focus", "sweethome3d/suv", "sweethome3d/new-beetle"),
         ),
