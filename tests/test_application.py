@@ -15,6 +15,7 @@ from numpy.testing import assert_array_equal
 from sada_gym.application import Application, Scored
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.digits import DigitsApplication
+from sada_gym.errors import UserError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.oracle import Oracle
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
@@ -302,7 +303,7 @@ def test_an_agent_that_fails_leaves_global_generators_as_they_were() -> None:
     application = of(failing)
     made = application.agent.calls
     before = global_states()
-    with pytest.raises(KeyError):
+    with pytest.raises(UserError, match="got KeyError"):
         application.evaluate(np.zeros((1, 6)), [0])
     assert global_states() == before
 

@@ -51,6 +51,7 @@ def fetch(
             say(str(row["name"]), lead="[bold]")
             size = f"{row['from']}, {row['megabytes']} MB"
             there = row["file"] if row["fetched"] else f"not fetched: sada-gym fetch {row['name']}"
-            for line in (row["what"], size, f"Licence: {row['licence']}", there):
+            for line in (row["what"], size, f"Licence: {row['licence']}"):
                 say(wrapped(str(line), 2))
+            say(f"  {there}")  # a path that may hold spaces stays whole
         say(f"Files go to {fetching.data_folder()}; {fetching.DATA_FOLDER} names another folder.")

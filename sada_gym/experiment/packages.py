@@ -26,6 +26,7 @@ _ORDER = (
     "pybullet",
     "highway-env",
     "pymunk",
+    "carla",
     "trimesh",
     "numba",
     "ribs",

@@ -79,10 +79,12 @@ def test_a_toml_file_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = "attack cart.toml -a random --budget 0 --samples 4 --workers 1 --out run"
     assert run(*words.split()).exit_code == 0
+    assert run("replay", "run", "--out", "remembered.gif").exit_code == 0
+    (tmp_path / "cart.toml").rename(tmp_path / "moved.toml")
     refused = run("replay", "run", "--out", "video.gif")
     assert refused.exit_code == 2
     assert "name that by --application FILE.toml" in refused.stderr
-    result = run("replay", "run", "--out", "video.gif", "--application", "cart.toml")
+    result = run("replay", "run", "--out", "video.gif", "--application", "moved.toml")
     assert result.exit_code == 0, result.output
     assert "steps" in result.stdout
     assert (tmp_path / "video.gif").stat().st_size > 1_000

@@ -238,7 +238,7 @@ def test_another_process_gives_the_same_outcomes() -> None:
     Two worlds each are enough: `test_scores_are_pure` varies batches, tiles and their order.
     """
     worlds = []
-    for env_id in SHIPPED:
+    for env_id in filter(lambda env_id: not MISSING[env_id], SHIPPED):
         application = sada_gym.make_application(env_id)
         worlds.append((application, *draw_worlds(application, 2, brief_seed(env_id))))
     elsewhere = in_fresh_process(evaluated, worlds, home=ApplicationCard)
@@ -248,7 +248,7 @@ def test_another_process_gives_the_same_outcomes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", SHIPPED)
+@pytest.mark.parametrize("env_id", [env_id for env_id in SHIPPED if not MISSING[env_id]])
 def test_scores_are_pure_in_every_batch_size(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
     assert_pure(application, n=17 if one_step_is_slow(env_id) else 70)

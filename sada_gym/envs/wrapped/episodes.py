@@ -115,8 +115,8 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
             before = resident_bytes()
             for i, start in enumerate(starts):
                 full = together and i and i % together == 0
-                if full and resident_bytes() - before > MEMORY_BYTES:
-                    break
+                if full and (resident_bytes() - before) * (1 + together / i) > MEMORY_BYTES:
+                    break  # the next world would not fit
                 self.running.append(RunningEpisode(spec, start, pictures=pictures))
         except BaseException:
             self.close()

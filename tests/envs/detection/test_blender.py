@@ -170,6 +170,7 @@ def quarters():
     return texture
 
 
+@pytest.mark.slow
 def test_textures_lie_as_the_model_says(blender):
     surface = Surface("all", texture=quarters())
     there = seen(blender, surface)
