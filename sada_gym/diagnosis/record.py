@@ -1,0 +1,139 @@
+"""The record of a diagnosis, which is diagnosis.json in a run's folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+from typing_extensions import Self
+
+from sada_gym.errors import FileError
+from sada_gym.files import OneLine, Strict, as_path, read_model, write_model
+from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.rates import wilson_interval
+
+DIAGNOSIS_FILE = "diagnosis.json"
+VERSION = 1
+
+
+class Rate(Strict):
+    """How many of so many worlds fooled the agent, with Wilson's 95 % interval."""
+
+    fooled: int = Field(ge=0)
+    worlds: int = Field(ge=1)
+    rate: float
+    interval_95: tuple[float, float]
+
+    @classmethod
+    def of(cls, fooled: int, worlds: int) -> Self:
+        """Work out the rate of at least one world."""
+        interval = wilson_interval(fooled, worlds)
+        return cls(fooled=fooled, worlds=worlds, rate=fooled / worlds, interval_95=interval)
+
+
+class Threshold(Strict):
+    """An end of a condition's range that is not an end of the parameter's, in physical values.
+
+    With a chance of about 95 % the true end lies in the interval.
+    """
+
+    parameter: str
+    value: float
+    interval_95: tuple[float, float]
+
+
+class Example(Strict):
+    """A failure that stands for others: mu and the seed replay it exactly.
+
+    Attributes:
+        parameters: The physical values by name.
+    """
+
+    mu: tuple[float, ...]
+    seed: int
+    score: float
+    parameters: dict[str, float]
+
+
+class Weakness(Strict):
+    """A way in which the agent fails: a few conditions on physical parameters.
+
+    Attributes:
+        conditions: All of them hold, see `sada_gym.diagnosis.rules.holds`.
+        text: The conditions as people say them, such as `camera pitch is above 35° and the camera
+            is behind`.
+        volume: The share of uniform worlds for which they hold.
+        share: The share of the known different failures for which they hold.
+        failures: The number of these.
+        distinct: The number of groups of these that lie apart.
+        inside: The fooling rate of uniform worlds in it, by worlds that the rule was not fitted
+            to; None where none were evaluated.
+        outside: The same of worlds that lie in no weakness of the diagnosis.
+        thresholds: The ends of the ranges, and how sure they are.
+        examples: Some failures in it that lie apart, the most typical first.
+        confirmed: How often failures in it failed again on fresh seeds; None where not tried.
+        behaviour: What the agent does in it; None where not known.
+    """
+
+    conditions: tuple[Condition, ...] = Field(min_length=1)
+    text: OneLine
+    volume: float
+    share: float
+    failures: int
+    distinct: int
+    inside: Rate | None
+    outside: Rate | None
+    thresholds: tuple[Threshold, ...]
+    examples: tuple[Example, ...]
+    confirmed: Rate | None = None
+    behaviour: OneLine | None = None
+
+
+class Diagnosis(Strict):
+    """How an agent fails: the weaknesses that a run found, the largest share of failures first.
+
+    Attributes:
+        sentence: The diagnosis in one sentence; it says so where failures are too few, or where
+            the agent fails nowhere in particular.
+        weaknesses: At most five; none where no rule stands out.
+        worlds: The number of valid worlds that were known: training queries and test samples.
+        failures: The number of different failures among them.
+        explained: The share of these that lie in any weakness.
+        fresh: The number of evaluations that the diagnosis spent.
+    """
+
+    version: int = VERSION
+    sentence: OneLine
+    weaknesses: tuple[Weakness, ...] = ()
+    worlds: int
+    failures: int
+    explained: float = 0.0
+    fresh: int = 0
+
+
+def write_diagnosis(run: str | Path, diagnosis: Diagnosis) -> Path:
+    """Write a diagnosis into the folder of its run, and return the file's path."""
+    path = as_path(run, "a run's folder") / DIAGNOSIS_FILE
+    write_model(path, diagnosis)
+    return path
+
+
+def read_diagnosis(run: str | Path) -> Diagnosis:
+    """Read the diagnosis of a run.
+
+    Raises:
+        FileError: If the folder holds none, it is damaged, or another version wrote it.
+    """
+    path = as_path(run, "a run's folder") / DIAGNOSIS_FILE
+    if not path.is_file():
+        raise FileError(
+            f"Expected a run with a diagnosis in {path.parent}, got no {DIAGNOSIS_FILE} there. "
+            f"Make it by `sada-gym diagnose {path.parent}`."
+        )
+    diagnosis = read_model(path, Diagnosis)
+    if diagnosis.version != VERSION:
+        raise FileError(
+            f"Expected a diagnosis of version {VERSION} in {path}, got version "
+            f"{diagnosis.version}. Make it anew by `sada-gym diagnose {path.parent}`."
+        )
+    return diagnosis
