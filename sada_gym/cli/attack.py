@@ -14,9 +14,11 @@ from sada_gym.cli.console import (
     err,
     errors_as_sentences,
     executor_option,
+    json_option,
     key_values,
     option,
     out,
+    print_json,
     say,
     show_resume_hint,
     stop_code,
@@ -64,6 +66,7 @@ def attack(
         None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
     resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
+    as_json: bool = json_option("result.json"),
 ) -> None:
     """Train an adversary against an agent and measure how often its samples fool it.
 
@@ -116,7 +119,10 @@ def attack(
         except KeyboardInterrupt as stop:
             _show_stop(folder)
             raise typer.Exit(stop_code(stop)) from None
-    _show_result(result)
+    if as_json:
+        print_json(result.report)
+    else:
+        _show_result(result)
 
 
 def _show_stop(folder: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.markup import escape
@@ -14,11 +16,14 @@ from sada_gym.benchmark.suite import SUITES, choose, find_suite
 from sada_gym.cli.console import (
     check_no_stray_words,
     cores,
+    err,
     errors_as_sentences,
     executor_option,
+    json_option,
     make_table,
     option,
     out,
+    print_json,
     say,
     show_resume_hint,
     stop_code,
@@ -27,10 +32,12 @@ from sada_gym.cli.console import (
 )
 from sada_gym.errors import UserError
 from sada_gym.results.columns import row_cells, row_columns
+from sada_gym.results.sheet import Line, Sheet
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.costs import CostEstimate
     from sada_gym.benchmark.run import BenchmarkResult, Outlook
+    from sada_gym.results.rows import Row
 
 
 SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
@@ -81,6 +88,7 @@ def benchmark(
     ),
     report: bool = option(False, "Run nothing; report what DIR holds by now.", "--report"),
     plan: bool = option(False, "Run nothing; say which runs are missing and their cost.", "--plan"),
+    as_json: bool = json_option(),
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
 
@@ -101,7 +109,7 @@ def benchmark(
 
         known = references or FOLDER
         if report:
-            _show_result(report_benchmark(folder, known, entries=entries))
+            _show_result(report_benchmark(folder, known, entries=entries), as_json)
             return
         chosen = choose(
             find_suite(suite),
@@ -115,11 +123,12 @@ def benchmark(
             images=images,
         )
         if plan:
-            _show_outlook(plan_benchmark(chosen, folder, entries=entries, references=known))
+            outlook = plan_benchmark(chosen, folder, entries=entries, references=known)
+            _show_outlook(outlook, as_json)
             return
         # what a stopped process leaves is cleaned up, which is no news to the user
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
-        progress = BenchmarkProgress(out)
+        progress = BenchmarkProgress(err if as_json else out)
         try:
             with stoppable(), open_executor(executor, workers or cores()) as opened, progress:
                 result = run_benchmark(
@@ -134,7 +143,7 @@ def benchmark(
         except KeyboardInterrupt as stop:
             show_resume_hint(_kept(progress.finished, folder, entries))
             raise typer.Exit(stop_code(stop)) from None
-    _show_result(result)
+    _show_result(result, as_json)
 
 
 def _kept(runs: int, folder: Path, entries: Path | None) -> str:
@@ -143,7 +152,11 @@ def _kept(runs: int, folder: Path, entries: Path | None) -> str:
     return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
 
 
-def _show_outlook(outlook: Outlook) -> None:
+def _show_outlook(outlook: Outlook, as_json: bool) -> None:
+    if as_json:
+        runs = [run.key for run in outlook.missing.runs]
+        print_json({"missing": runs, "estimates": outlook.estimates, "notes": outlook.notes})
+        return
     from sada_gym.cli.benchmark_progress import describe_missing
 
     say(describe_missing(outlook.missing))
@@ -170,17 +183,32 @@ def _hours(cost: CostEstimate) -> str:
     return f"{cost.core_hours:.2f}" + (f" + {cost.unknown:,} unknown" if cost.unknown else "")
 
 
-def _show_result(result: BenchmarkResult) -> None:
+_KEYS = ("adversary", "f1", "rank", "afr", "relative_coverage", "runs")
+
+
+def _show_result(result: BenchmarkResult, as_json: bool) -> None:
+    if as_json:
+        tables = [
+            {"table": " · ".join(comparison.names), "rows": _records(comparison.rows)}
+            for comparison in result.results.comparisons
+        ]
+        places = {"folder": result.folder, "entries": result.entries}
+        print_json({"tables": tables, "notes": result.notes, **places})
+        return
     for comparison in result.results.comparisons:
         title = " · ".join(comparison.names)
         table = Table(title=title, header_style="bold", title_justify="left")
-        keys = ("adversary", "f1", "rank", "afr", "relative_coverage", "runs")
-        for column in row_columns(*keys):
+        for column in row_columns(*_KEYS):
             table.add_column(column.title, justify="right" if column.numeric else "left")
         for row in comparison.rows:
-            cells = row_cells(row, keys)
-            table.add_row(*(escape(cells[key].text) for key in keys))
+            cells = row_cells(row, _KEYS)
+            table.add_row(*(escape(cells[key].text) for key in _KEYS))
         out.print(table)
     for note in result.notes:
         say(note, lead="[yellow]Warning:[/] ")
     say(f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")
+
+
+def _records(rows: Sequence[Row]) -> Any:
+    lines = tuple(Line("ranked", row_cells(row, _KEYS)) for row in rows)
+    return json.loads(Sheet("", "", row_columns(*_KEYS), lines).json())

@@ -10,8 +10,10 @@ from rich.text import Text
 from sada_gym.cli.console import (
     env_kwargs_option,
     errors_as_sentences,
+    json_option,
     key_values,
     out,
+    print_json,
     say,
     wrapped,
 )
@@ -22,15 +24,26 @@ def envs(
         None, metavar="[ID|FILE.toml]", help="Show this one's parameters."
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
+    as_json: bool = json_option(),
 ) -> None:
     """List the environments, or show one's parameters, units and fooling threshold."""
     with errors_as_sentences():
         if env_id is not None:
-            _show_environment(env_id, env_kwargs)
+            _show_environment(env_id, env_kwargs, as_json)
             return
         from sada_gym.cards import cards
         from sada_gym.registration import ids_of
 
+        if as_json:
+            missing = {card.name: card.missing for card in cards() if card.missing}
+            print_json(
+                [
+                    {"id": known_id, "keywords": keywords, "missing": missing.get(card, "")}
+                    for card, known in ((card.name, ids_of(card.name)) for card in cards())
+                    for known_id, keywords in known.items()
+                ]
+            )
+            return
         table = _table("id", "keywords it fixes")
         for known_id, keywords in ids_of().items():
             table.add_row(known_id, ", ".join(f"{k}={v}" for k, v in keywords.items()))
@@ -42,12 +55,23 @@ def envs(
         say("To see one in detail: sada-gym envs ID", lead="[dim]")
 
 
-def _show_environment(env_id: str, pairs: list[str] | None) -> None:
+def _show_environment(env_id: str, pairs: list[str] | None, as_json: bool) -> None:
     from sada_gym.evaluation.problems import make_application
     from sada_gym.experiment.names import default_note
 
     keywords = key_values(pairs, "--env-kwargs")
     application = make_application(env_id, **keywords)
+    if as_json:
+        print_json(
+            {
+                "id": env_id,
+                "fooling_threshold": application.fooling_threshold,
+                "samples": application.sample_size,
+                "parameters": application.parameters.parameters,
+            }
+        )
+        application.close()
+        return
     table = _table("parameter", "low", "high", "unit or choices")
     for parameter in application.parameters.parameters:
         shape = ["(logarithmic)"] if parameter.log else []
@@ -65,10 +89,20 @@ def _show_environment(env_id: str, pairs: list[str] | None) -> None:
     application.close()
 
 
-def agents() -> None:
+def agents(as_json: bool = json_option()) -> None:
     """List the trained agents that are shipped or can be fetched."""
     from sada_gym.cards import cards
 
+    if as_json:
+        print_json(
+            [
+                {"name": agent.name, "for": card.name, "summary": agent.summary, "fetch": fetch}
+                for card in cards()
+                for kind, fetch in ((card.agents, False), (card.fetched, True))
+                for agent in kind
+            ]
+        )
+        return
     table = _table("agent", "for", "what it is")
     for card in cards():
         for agent in card.agents:
@@ -78,12 +112,16 @@ def agents() -> None:
     out.print(table)
 
 
-def adversaries() -> None:
+def adversaries(as_json: bool = json_option()) -> None:
     """List the adversaries, with their options and defaults."""
     with errors_as_sentences():
         from sada_gym import adversaries as registry
 
-        for row in registry.describe():
+        rows = registry.describe()
+        if as_json:
+            print_json(rows)
+            return
+        for row in rows:
             say(row.name, lead="[bold]")
             lines = [row.summary]
             if row.presets:

@@ -9,9 +9,11 @@ from sada_gym.cli.console import (
     check_no_stray_words,
     env_kwargs_option,
     errors_as_sentences,
+    json_option,
     key_values,
     make_table,
     out,
+    print_json,
 )
 from sada_gym.errors import UserError
 
@@ -23,6 +25,7 @@ def check(
         help="An environment's id, a file that describes one, or one with applications.",
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
+    as_json: bool = json_option(),
 ) -> None:
     """Check an application against the contract: scores, seeds, purity, Gymnasium.
 
@@ -39,7 +42,10 @@ def check(
             reports = check_file(subject)
         else:
             reports = check_environment(subject, **key_values(env_kwargs, "--env-kwargs"))
-    for report in reports:
+    if as_json:
+        parts = ("subject", "passed", "checks")
+        print_json([{part: getattr(report, part) for part in parts} for report in reports])
+    for report in () if as_json else reports:
         table = make_table("", "check", "finding", title=escape(report.subject))
         for item in report.checks:
             mark = "[green]ok[/]" if item.passed else "[bold red]fails[/]"

@@ -10,8 +10,10 @@ from sada_gym.cli.console import (
     env_kwargs_option,
     errors_as_sentences,
     executor_option,
+    json_option,
     key_values,
     option,
+    print_json,
     say,
     scores_progress,
     workers_option,
@@ -32,7 +34,7 @@ def confirm(
         metavar="FILE.json",
         shown="RUN/confirmed.json",
     ),
-    as_json: bool = option(False, "Print the figures as JSON.", "--json"),
+    as_json: bool = json_option("the figures"),
 ) -> None:
     """Score a run's samples again, with the same seeds, in its track with changed keywords.
 
@@ -56,7 +58,7 @@ def confirm(
             )
     found = confirmation.comparison
     if as_json:
-        typer.echo(found.model_dump_json(indent=2))
+        print_json(found)
         return
     changed = ", ".join(f"{name}={value}" for name, value in keywords.items())
     say(f"{found.adversary} on {found.here}, seed {found.seed}; with {changed}", lead="[bold]")

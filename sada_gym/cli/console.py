@@ -10,10 +10,11 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 import typer
+from pydantic_core import to_jsonable_python
 from rich.console import Console
 from rich.table import Table
 
@@ -23,6 +24,7 @@ out = Console()
 err = Console(stderr=True)
 
 _debug = False
+_document: TextIO = sys.stdout
 
 
 def option(
@@ -58,6 +60,46 @@ def executor_option() -> Any:
     """Declare `--executor`."""
     text = "`processes`, `dask` (a local cluster), or `dask:ADDRESS` of a scheduler."
     return option("processes", text, "--executor", metavar="NAME")
+
+
+def json_option(what: str = "the result") -> Any:
+    """Declare `--json`, which prints one JSON document in the place of all else on stdout."""
+    text = f"Print {what} as JSON, and nothing else."
+    return typer.Option(False, "--json", help=text, callback=_keep_stdout_clean)
+
+
+def print_json(document: Any) -> None:
+    """Print a JSON document: a pydantic model, a dataclass, or what they are made of.
+
+    The option of `json_option` is given. The text is ASCII: any pipe takes it as it is.
+    """
+    print(json.dumps(to_jsonable_python(document), indent=2, allow_nan=False), file=_document)
+
+
+def _keep_stdout_clean(context: typer.Context, wanted: bool) -> bool:
+    """Send to stderr what users' code, workers and libraries print, if JSON is wanted."""
+    global _document
+    before = sys.stdout
+    if not wanted or before is None:  # a closed stdout gets nothing
+        return wanted
+    _document = before
+    before.flush()
+    real = sys.__stdout__
+    if before is real and real is not None:  # its descriptor, too: workers and C write there
+        kept = os.fdopen(os.dup(real.fileno()), "w", encoding="ascii")
+        os.dup2(sys.stderr.fileno(), real.fileno())
+        context.call_on_close(lambda: _give_back(kept, real))
+        _document = kept
+    sys.stdout = sys.stderr
+    context.call_on_close(lambda: setattr(sys, "stdout", before))
+    return True
+
+
+def _give_back(kept: TextIO, real: TextIO) -> None:
+    with suppress(BrokenPipeError):  # the reader has had enough
+        kept.flush()
+    os.dup2(kept.fileno(), real.fileno())
+    kept.close()
 
 
 def set_debug(on: bool) -> None:

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import typer
 
-from sada_gym.cli.console import errors_as_sentences, option, say, scores_progress, workers_option
+from sada_gym.cli.console import (
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+    scores_progress,
+    workers_option,
+)
 
 
 def export(
@@ -26,7 +34,7 @@ def export(
         metavar="ID|FILE.toml",
         shown="what RUN names",
     ),
-    as_json: bool = option(False, "Print the suite as JSON.", "--json"),
+    as_json: bool = json_option("the suite"),
 ) -> None:
     """Write failures, grouped and confirmed, and worlds like them that passed, as a suite.
 
@@ -46,7 +54,7 @@ def export(
             )
     suite = exported.suite
     if as_json:
-        typer.echo(suite.model_dump_json(indent=2))
+        print_json(suite)
         return
     failures = sum(case.objective == "failure" for case in suite.test_cases)
     say(

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import typer
 
-from sada_gym.cli.console import errors_as_sentences, option, say, wrapped
+from sada_gym.cli.console import (
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+    wrapped,
+)
 
 
 def fetch(
@@ -18,7 +24,7 @@ def fetch(
         "--file",
         metavar="PATH",
     ),
-    as_json: bool = option(False, "Print the list as JSON.", "--json"),
+    as_json: bool = json_option(),
 ) -> None:
     """Fetch a trained agent that does not come with this package; without NAME, list them."""
     with errors_as_sentences():
@@ -28,6 +34,9 @@ def fetch(
 
         if name is not None:
             path = fetching.fetch(name, file)
+            if as_json:
+                print_json({"name": name, "file": str(path)})
+                return
             say(f"{name} is in {path}. Attack it with --agent {name}.")
             return
         if file is not None:
@@ -45,7 +54,7 @@ def fetch(
             for agent in fetchable().values()
         ]
         if as_json:
-            typer.echo(json.dumps(rows, indent=2))
+            print_json(rows)
             return
         for row in rows:
             say(str(row["name"]), lead="[bold]")

@@ -11,9 +11,11 @@ from sada_gym.cli.console import (
     env_kwargs_option,
     err,
     errors_as_sentences,
+    json_option,
     key_values,
     option,
     out,
+    print_json,
     say,
 )
 from sada_gym.errors import UserError, check_known
@@ -35,6 +37,7 @@ def init(
     file: Path | None = option(
         None, "The TOML file to write.", "--out", metavar="FILE", shown="ENVIRONMENT.toml"
     ),
+    as_json: bool = json_option(),
 ) -> None:
     """Write a TOML file for an attack on an agent in any Gymnasium environment.
 
@@ -68,6 +71,9 @@ def init(
             env_id, agent, env_kwargs=keywords, max_steps=max_steps, folder=file.parent
         )
         write_file(file, starter.text.encode())
+    if as_json:
+        print_json({"file": str(file), "text": starter.text, "notes": starter.notes})
+        return
     out.print(starter.text, markup=False, highlight=False, soft_wrap=True)
     for note in starter.notes:
         say(note)

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import typer
 
-from sada_gym.cli.console import errors_as_sentences, option, say, scores_progress, workers_option
+from sada_gym.cli.console import (
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+    scores_progress,
+    workers_option,
+)
 
 
 def regress(
@@ -24,7 +32,7 @@ def regress(
     junit: Path | None = option(None, "Write JUnit XML.", metavar="FILE"),
     markdown: Path | None = option(None, "Write Markdown for a pull request.", metavar="FILE"),
     store: Path | None = option(None, "Keep the scores, to go on after a stop.", metavar="FILE"),
-    as_json: bool = option(False, "Print the result as JSON.", "--json"),
+    as_json: bool = json_option(),
 ) -> None:
     """Test an agent in the worlds of a suite: what is mended, came back or broke newly?
 
@@ -51,7 +59,7 @@ def regress(
         if markdown is not None:
             write_file(markdown, as_markdown(result).encode())
     if as_json:
-        typer.echo(result.model_dump_json(indent=2))
+        print_json(result)
         raise typer.Exit(result.exit_code)
     compared = "what the suite expects" if result.baseline is None else result.baseline
     say(f"{result.agent} on {result.track}, compared with {compared}", lead="[bold]")

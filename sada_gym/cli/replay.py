@@ -7,7 +7,14 @@ from pathlib import Path
 import typer
 from rich.status import Status
 
-from sada_gym.cli.console import err, errors_as_sentences, option, say
+from sada_gym.cli.console import (
+    err,
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+)
 
 
 def replay(
@@ -28,6 +35,7 @@ def replay(
         metavar="ID|FILE.toml",
         shown="what RUN names",
     ),
+    as_json: bool = json_option(),
 ) -> None:
     """Replay samples of a run as a video, so that a person sees how the agent fails.
 
@@ -70,6 +78,10 @@ def replay(
             )
         finally:
             status.stop()
+    if as_json:
+        parts = ("path", "size", "seconds", "samples")
+        print_json({part: getattr(video, part) for part in parts})
+        return
     for played in video.samples:
         say(f"Sample {played.sample}: Q = {played.score:.3g}; {'; '.join(played.endings)}")
         if played.score != played.stored:

@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sada_gym.cli.console import errors_as_sentences, option, out, say, workers_option
+from sada_gym.cli.console import (
+    err,
+    errors_as_sentences,
+    json_option,
+    option,
+    out,
+    print_json,
+    say,
+    workers_option,
+)
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from sada_gym.results.entry import Entry, EntryResult
     from sada_gym.results.models import EntryMetadata
 
@@ -59,6 +70,7 @@ def submit(
         Path("leaderboard/entries"), "The folder of the entries.", "--out", metavar="DIR"
     ),
     replace: bool = option(False, "Replace results that the entry already has.", "--replace"),
+    as_json: bool = json_option("the entry"),
 ) -> None:
     """Make an entry of the leaderboard from runs or from your own samples, and check it.
 
@@ -99,7 +111,8 @@ def submit(
                     "samples belong, and what they cost."
                 )
             own |= {"--options": _parse_options(options or "{}"), "--rule": rule}
-            entry = _submit_samples(samples, metadata, own, workers=workers, **where)
+            console = err if as_json else out
+            entry = _submit_samples(samples, metadata, own, console, workers=workers, **where)
         else:
             given = [key for key, value in own.items() if value is not None]
             if given:
@@ -107,11 +120,19 @@ def submit(
                     f"Expected {given[0]} only with --samples, got it without. A run knows its own."
                 )
             entry = submit_runs(runs or [], metadata, rule=rule, **where)
-    _show(entry)
+    if as_json:
+        claims = {place: result.claimed for place, result in sorted(entry.results.items())}
+        print_json({"folder": entry.folder, "metadata": entry.metadata, "results": claims})
+    else:
+        _show(entry)
 
 
 def _submit_samples(
-    samples: list[Path], metadata: EntryMetadata, own: dict[str, Any], **keywords: Any
+    samples: list[Path],
+    metadata: EntryMetadata,
+    own: dict[str, Any],
+    console: Console,
+    **keywords: Any,
 ) -> Entry:
     from sada_gym.progress import AttackProgress
     from sada_gym.submission.current import current_target, default_agent
@@ -122,8 +143,8 @@ def _submit_samples(
     target = current_target(track, keywords.setdefault("agent", default_agent(track)))
     each = f"{len(samples)} x {target.sample_size:,} samples"
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
-    say(f"Evaluating {each}{ideal} on {track}, each once.")
-    with AttackProgress(out) as progress:
+    say(f"Evaluating {each}{ideal} on {track}, each once.", console=console)
+    with AttackProgress(console) as progress:
         return submit_samples(samples, metadata, on_progress=progress, **keywords)
 
 

@@ -14,9 +14,11 @@ from sada_gym.cli.console import (
     err,
     errors_as_sentences,
     executor_option,
+    json_option,
     key_values,
     option,
     out,
+    print_json,
     say,
     scores_progress,
     workers_option,
@@ -56,7 +58,7 @@ def transfer(
         shown="what RUN names",
     ),
     out_file: Path | None = option(None, "Write the figures as JSON.", "--out", metavar="FILE"),
-    as_json: bool = option(False, "Print the figures as JSON.", "--json"),
+    as_json: bool = json_option("the figures"),
 ) -> None:
     """Score the samples of runs in other tracks, against other agents, with other keywords.
 
@@ -85,7 +87,7 @@ def transfer(
         if out_file is not None:
             write_model(out_file, transfers)
     if as_json:
-        typer.echo(transfers.model_dump_json(indent=2))
+        print_json(transfers)
         return
     for place, rows in groupby(transfers.comparisons, key=lambda row: row.run):
         _show(place, list(rows))
