@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import Floats, Floats32, real_scores
+from sada_gym.behaviour import Behaviour, plain_values
 from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
@@ -85,6 +86,7 @@ class Application(ABC):
 
     - what a stored score belongs to: `version`, `settings`, `fingerprint`;
     - the agent: `agent`, `agent_name`, `privileged_score`;
+    - what the agent does in a failure, in words: `behaviour`, or `behaviours`;
     - pictures: `render` and its `legend`, `render_batch`, `replay` and its `render_fps`,
       `observation`;
     - what a run costs: `seconds_per_world`;
@@ -212,6 +214,29 @@ class Application(ABC):
             ValueError: If mu or the seeds are not what `evaluate` takes.
         """
         return None
+
+    def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
+        """Say what the agent did in a world, by its info of `evaluate`.
+
+        The default takes a text `ending` of the info as what went wrong, and the other values as
+        data.
+        """
+        ending = info.get("ending")
+        told = ending if isinstance(ending, str) and ending else ""
+        extras = {key: info[key] for key in info if key not in {*RESERVED_KEYS, "invalid"}}
+        return Behaviour(
+            told or f"Q = {info['score']:.2f}",
+            events=(told,) if told and info["fooled"] else (),
+            data=plain_values(extras),
+        )
+
+    def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
+        """Play n worlds, mu (n, d), again, and say what the agent did in each.
+
+        Raises:
+            ValueError: If mu or the seeds are not what `evaluate` takes.
+        """
+        return tuple(map(self.behaviour, self.evaluate(mu, seeds).infos))
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw one frame of the world of mu, shape (d,), for a person to look at."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Scored
 from sada_gym.arrays import Floats, Integers
+from sada_gym.behaviour import Behaviour
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
@@ -119,6 +120,11 @@ class AnalyticApplication(Application):
         # rounding to float32 must not leave the box
         inside = np.maximum(self.half_sides - 1e-6, 0.0)
         return (self.centres[region] + offset * inside).astype(np.float32)
+
+    def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
+        """Say which region mu lies in."""
+        place = f"in region {info['region']}" if info["region"] >= 0 else "outside the regions"
+        return Behaviour(place, (place,) if info["fooled"] else ())
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:

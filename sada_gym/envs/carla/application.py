@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from typing import Any, ClassVar, Literal
 
@@ -13,6 +13,7 @@ from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import INVALID_SCORE, Application, Scored
 from sada_gym.arrays import Floats, Floats32
+from sada_gym.behaviour import Behaviour, listed_events
 from sada_gym.envs.carla.connection import STEP_S, Servers, Session, client_library, session
 from sada_gym.envs.carla.drive import Drive, DriveStart
 from sada_gym.envs.carla.drivers import AUTOPILOT, Autopilot, as_driver
@@ -230,6 +231,24 @@ class CarlaDrivingApplication(Application):
         checked = validate_seeds(seeds, len(batch))
         worlds = zip(batch, checked, strict=True)
         return np.array([self._world(row, seed, Autopilot())[0] for row, seed in worlds])
+
+    def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
+        """Say which drives failed, and how."""
+        drives = [
+            {"route": 1 + i % ROUTES, "ending": ending, "driven": float(driven)}
+            for i, (ending, driven) in enumerate(
+                zip(info["endings"], info["progress"], strict=False)
+            )
+        ]
+        events = []
+        for drive in drives:
+            if drive["ending"] != "arrived":
+                event = drive["ending"].replace("_", " ").replace("left route", "left its route")
+                events.append(
+                    (f"route {drive['route']} {event} after {drive['driven']:.0%} of it", event)
+                )
+        text, told = listed_events(events, len(drives), "drive", "all drives arrived")
+        return Behaviour(text, told, "drive", {"drives": drives})
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the camera sees at the start of the first route, enlarged."""

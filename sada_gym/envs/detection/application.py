@@ -13,7 +13,9 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored
+from sada_gym.behaviour import Behaviour
 from sada_gym.envs.detection.backdrop import random_backdrop
+from sada_gym.envs.detection.behaviour import behaviour
 from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.frame import annotate, legend
 from sada_gym.envs.detection.parameter_sets import (
@@ -279,6 +281,10 @@ class DetectionApplication(Application):
         labels = getattr(self.agent, "labels", None)
         known = labels if isinstance(labels, Mapping) else {}
         return {self.label: self.object_class, **{label: name for name, label in known.items()}}
+
+    def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
+        """Say which class the detector saw in the place of the true one."""
+        return behaviour(info, self.label, self.class_names, self.fooling_threshold)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees."""

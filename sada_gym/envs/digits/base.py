@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from sada_gym import agents
 from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored
 from sada_gym.arrays import Floats, Floats32, Indices, Integers
+from sada_gym.behaviour import Behaviour
+from sada_gym.envs.digits.behaviour import behaviour
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
 from sada_gym.envs.digits.images import test_images, validate_images
@@ -155,6 +157,10 @@ class ClassifierApplication(Application):
         return np.concatenate(
             [self._classifier.act(self._change(mu[part], positions[part])) for part in parts]
         )
+
+    def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
+        """Say which class the image was taken for."""
+        return behaviour(info)
 
     def attacked_image(self, mu: npt.ArrayLike, seed: int) -> tuple[Floats32, Floats32]:
         """Return the unchanged image of a seed and the one that mu, (d,), makes of it."""

@@ -74,6 +74,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
     sample_size = 100
     episodes_class = DrivingEpisodes
     frame_module = "sada_gym.envs.driving.frame"
+    behaviour_module = "sada_gym.envs.driving.behaviour"
     parameters = ParameterSpace(
         Parameter("camera_height_m", 1.0, 2.0, "m"),
         Parameter("camera_pitch_deg", -20.0, -10.0, "deg"),

@@ -15,8 +15,9 @@ from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Application
+from sada_gym.application import Application, isolated_rng
 from sada_gym.arrays import Floats
+from sada_gym.behaviour import Behaviour
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
 from sada_gym.frames import Frame, LegendEntry
@@ -100,6 +101,8 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
         episodes_class: The class of the episodes.
         frame_module: The module that draws: its `LEGEND`, `summary` and `frames` of the rollouts
             of one world, and `observation` of the first step of one rollout.
+        behaviour_module: The module whose `behaviour` says what became of the episodes of one
+            world, from their numbers among episodes that have ended.
         privileged_agent: `module:Class` of an agent that knows the whole world; "" if there is
             none.
         worlds_at_once: The most worlds whose episodes are in lockstep.
@@ -107,6 +110,7 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
 
     episodes_class: ClassVar[type[Episodes[Any]]]
     frame_module: ClassVar[str]
+    behaviour_module: ClassVar[str]
     privileged_agent: ClassVar[str] = ""
     worlds_at_once: ClassVar[int] = 2**20
 
@@ -139,6 +143,21 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
         for worlds, episodes in self._played(load(self.privileged_agent)(), batch, checked):
             scores.append(episodes.score.reshape(len(batch[worlds]), -1).mean(axis=1))
         return np.concatenate(scores)
+
+    def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
+        """Play the episodes of n worlds, (n, d), again, and say how they ended."""
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        behaviour = load(f"{self.behaviour_module}:behaviour")
+        found: list[Behaviour] = []
+        with isolated_rng(self):
+            for worlds, episodes in self._played(self.policy, batch, checked):
+                each = len(episodes) // len(batch[worlds])
+                found += [
+                    behaviour(episodes, range(first, first + each))
+                    for first in range(0, len(episodes), each)
+                ]
+        return tuple(found)
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:

@@ -81,6 +81,7 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
     parameters = PARAMETERS
     episodes_class = RobotEpisodes
     frame_module = "sada_gym.envs.robot.frame"
+    behaviour_module = "sada_gym.envs.robot.behaviour"
     privileged_agent = "sada_gym.envs.robot.agent.privileged:PrivilegedDriver"
 
     def __init__(

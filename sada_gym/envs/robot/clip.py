@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import ImageDraw
 
-from sada_gym.arrays import Floats
 from sada_gym.clips.captions import ring
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, describe_world, steps_before
 from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.robot.behaviour import touched
 from sada_gym.envs.robot.frame import WIDTH, snapshot
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
-from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
+from sada_gym.envs.robot.world.floor_plan import HALL_M
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
@@ -47,33 +47,11 @@ def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -
     after_s = last / POLICY_HZ
     goal = rollout.start.plan.ways[rollout.start.trip][-1]
     away_m = float(np.hypot(*(rollout["poses"][-1, :2] - goal)))
+    hit = touched(rollout.start, rollout["poses"][-1], rollout["carts"][-1])
     texts = {
         RobotEnd.ARRIVED: f"arrived after {after_s:.0f} s",
         RobotEnd.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
-        RobotEnd.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
+        RobotEnd.COLLIDED: f"hit {hit} after {after_s:.1f} s",
     }
     shot_ending = ShotEnding(texts[ending], ending != RobotEnd.ARRIVED)
     return Shot(pictures, FASTER * POLICY_HZ, notes, world, shot_ending)
-
-
-def _hit(rollout: Rollout[RobotStart]) -> str:
-    plan, (x, y, _) = rollout.start.plan, rollout["poses"][-1]
-    barrels = plan.barrels[: rollout.start.conditions.barrels]
-    carts = rollout["carts"][-1][: len(plan.lanes)]
-    around = np.array([x, y])
-
-    def round_ones(circles: Floats) -> float:
-        away = np.hypot(*(circles[:, :2] - around).T) - circles[:, 2]
-        return float(away.min(initial=np.inf))
-
-    racks = plan.racks
-    outside = np.maximum(np.maximum(racks[:, :2] - around, around - racks[:, 2:]), 0.0)
-    walls = min(x, y, HALL_M[0] - x, HALL_M[1] - y)
-    distances = {
-        "a barrel": round_ones(barrels),
-        "a pillar": round_ones(plan.pillars),
-        "a cart": round_ones(np.column_stack([carts, np.full(len(carts), CART_RADIUS_M)])),
-        "a rack": float(np.hypot(*outside.T).min(initial=np.inf)),
-        "the wall": float(walls),
-    }
-    return min(distances, key=lambda name: distances[name])

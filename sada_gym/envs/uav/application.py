@@ -82,6 +82,7 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
     sample_size = 100
     episodes_class = RacingEpisodes
     frame_module = "sada_gym.envs.uav.frame"
+    behaviour_module = "sada_gym.envs.uav.behaviour"
     privileged_agent = "sada_gym.envs.uav.agent.privileged:PrivilegedPilot"
     worlds_at_once = 64
 

@@ -15,8 +15,9 @@ from sada_gym.clips.captions import DONE, FAILED, INK, INSET, PAPER, WIDTH, add_
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
 from sada_gym.drawing import font
 from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.uav.behaviour import missed
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
-from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingStart
+from sada_gym.envs.uav.episodes import POLICY_HZ, RacingStart
 from sada_gym.envs.uav.frame import flown_ways
 from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M, TOP_M
@@ -47,21 +48,21 @@ def clip(application: UAVApplication, mu: Mu, seed: int, seconds: float) -> Clip
     """Show how the drone missed the first gates that it missed, or the lap's end."""
     (rollout,) = application.rollouts(mu, seed)
     endings = rollout["endings"]
-    missed = [int(gate) for gate in np.flatnonzero(endings[-1] > GateOutcome.PASSED)]
+    gates = [int(gate) for gate in np.flatnonzero(endings[-1] > GateOutcome.PASSED)]
     moved = application.parameters.physical(mu).reshape(-1, 2)
     farthest_m = float(np.hypot(*moved.T).max())
     world = f"the track's {len(moved)} anchor points are moved by up to {farthest_m:.1f} m"
-    if not missed:
+    if not gates:
         steps = _steps(0, len(endings) - 1, seconds)
         return Clip([_shot(rollout, steps, None, world)], rollout.score)
-    ends = [int((endings[:, gate] > GateOutcome.PASSED).argmax()) for gate in missed]
-    chosen, each_s = share_time(range(len(missed)), seconds)
+    ends = [int((endings[:, gate] > GateOutcome.PASSED).argmax()) for gate in gates]
+    chosen, each_s = share_time(range(len(gates)), seconds)
     shots = []
     for k in chosen:
         # a drone that missed a gate was set back in the same decision
         begins = ends[k - 1] if k else 0
         steps = _steps(begins, ends[k] - 1, each_s)
-        shots.append(_shot(rollout, steps, missed[k], world))
+        shots.append(_shot(rollout, steps, gates[k], world))
     return Clip(shots, rollout.score)
 
 
@@ -70,14 +71,14 @@ def _steps(first: int, last: int, seconds: float) -> range:
     return range(max(min(first, last), kept[0]), last + 1)
 
 
-def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world: str) -> Shot:
+def _shot(rollout: Rollout[RacingStart], steps: range, gate: int | None, world: str) -> Shot:
     states = [rollout["states"][step] for step in steps]
     times = [float(rollout["time_s"][step]) for step in steps]
     endings = [rollout["endings"][step] for step in steps]
     at = None
-    if missed is not None:
+    if gate is not None:
         end = steps[-1] + 1
-        at = rollout["ended_at"][end, missed]
+        at = rollout["ended_at"][end, gate]
         states.append(np.concatenate([at, states[-1][3:]]))
         times.append(float(rollout["time_s"][end]))
         endings.append(rollout["endings"][end])
@@ -89,7 +90,7 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
         last = i == count - 1
         picture = Image.fromarray(view)
         coming = np.flatnonzero(endings[i] == GateOutcome.AHEAD)
-        ahead = int(coming[0]) if len(coming) and not last else missed
+        ahead = int(coming[0]) if len(coming) and not last else gate
         ahead = len(gates) - 1 if ahead is None else ahead
         _number(picture, lens, eyes[i], gates[ahead], ahead + 1)
         _drone(picture, lens, eyes[i], state)
@@ -107,29 +108,18 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
             f"to gate {ahead + 1} of {len(gates)}  ·  {times[i]:.1f} s  ·  {speed:.0f} m/s  ·  "
             "slow motion"
         )
-    ending = _ending(rollout, missed, at, times[-1])
+    ending = _ending(rollout, gate, at, times[-1])
     return Shot(pictures, POLICY_HZ / SLOWER, notes, world, ending)
 
 
 def _ending(
-    rollout: Rollout[RacingStart], missed: int | None, at: Floats | None, time_s: float
+    rollout: Rollout[RacingStart], gate: int | None, at: Floats | None, time_s: float
 ) -> ShotEnding:
     gates = rollout.start.gates
-    if missed is None or at is None:
+    if gate is None or at is None:
         return ShotEnding(f"all {len(gates)} gates in {time_s:.1f} s", failed=False)
-    gate = f"gate {missed + 1}"
-    code = GateOutcome(int(rollout["endings"][-1][missed]))
-    texts = {
-        GateOutcome.LATE: f"not through {gate} in {GATE_LIMIT_S:.0f} s",
-        GateOutcome.LOST: f"lost on the way to {gate}",
-        GateOutcome.HIT: f"hit the ground before {gate}",
-    }
-    away = np.hypot(*(gates[:, :2] - at[:2]).T)
-    nearest = int(away.argmin())
-    # a drone that touches a frame is no further from its middle than that
-    if code == GateOutcome.HIT and away[nearest] < OUTER_WIDTH_M / 2 + 0.3:
-        return ShotEnding(f"hit the frame of gate {nearest + 1}", failed=True)
-    return ShotEnding(texts[code], failed=True)
+    outcome = int(rollout["endings"][-1][gate])
+    return ShotEnding(missed(gates, gate, outcome, at), failed=True)
 
 
 def _eyes(states: Sequence[Floats]) -> Floats:

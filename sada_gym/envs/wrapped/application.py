@@ -25,15 +25,29 @@ from sada_gym.agents.given import agent_of
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.agents.remote.places import Address, Program, place_of
-from sada_gym.application import INFEASIBLE, INVALID_SCORE, OnError, Scored, check_declared
+from sada_gym.application import (
+    INFEASIBLE,
+    INVALID_SCORE,
+    OnError,
+    Scored,
+    check_declared,
+    isolated_rng,
+)
 from sada_gym.arrays import Floats32
+from sada_gym.behaviour import Behaviour
 from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
+from sada_gym.envs.wrapped.behaviour import behaviour
 from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
-from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
+from sada_gym.envs.wrapped.episodes import (
+    EpisodeSpec,
+    EpisodeStart,
+    GymnasiumEpisodes,
+    RunningEpisode,
+)
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
@@ -42,7 +56,7 @@ from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.seeds import validate_world
+from sada_gym.seeds import validate_seeds, validate_world
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
@@ -455,17 +469,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     def _play_some(self, mu: Mu, seeds: Sequence[int]) -> list[tuple[float, dict[str, Any]]]:
         """Play the first of some worlds, at least one, as many as fit the memory at once."""
-        count, played = self._episode_count, []
-        starts = self._starts(mu[: self._at_once], seeds[: self._at_once])
-        with closing(GymnasiumEpisodes(self.episode_spec, starts, together=count)) as episodes:
-            self.play(episodes)
-            scores, running = episodes.score, episodes.running
-        if len(running) < len(starts):  # memory that was freed may not be seen the next time
-            self._at_once = len(running) // count
-        for first in range(0, len(running), count):
-            together = running[first : first + count]
+        played = []
+        for together in self._ended(mu, seeds):
             broken = next((episode.broken for episode in together if episode.broken), "")
-            score = float(scores[first : first + count].mean())
+            score = float(np.mean([episode.score for episode in together]))
             extra = {
                 "invalid": broken if self._on_error == "invalid" else "",
                 "return": float(np.mean([sum(episode.rewards) for episode in together])),
@@ -475,6 +482,32 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             }
             played.append((0.0 if broken and self._on_error == "fooled" else score, extra))
         return played
+
+    def _ended(self, mu: Mu, seeds: Sequence[int]) -> list[list[RunningEpisode]]:
+        """Play the episodes of the first of some worlds, at least one, to their ends."""
+        count = self._episode_count
+        starts = self._starts(mu[: self._at_once], seeds[: self._at_once])
+        with closing(GymnasiumEpisodes(self.episode_spec, starts, together=count)) as episodes:
+            self.play(episodes)
+            running = episodes.running
+        if len(running) < len(starts):  # memory that was freed may not be seen the next time
+            self._at_once = len(running) // count
+        return [running[first : first + count] for first in range(0, len(running), count)]
+
+    def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
+        """Play n worlds, (n, d), again, and say when their episodes ended, and how."""
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        permitted = self.permits(batch)
+        left = [i for i in range(len(batch)) if permitted is None or permitted[i]]
+        found = [Behaviour(INFEASIBLE)] * len(batch)
+        with isolated_rng(self):
+            while left:
+                worlds = self._ended(batch[left], [checked[i] for i in left])
+                for i, episodes in zip(left, worlds, strict=False):
+                    found[i] = behaviour(episodes, self.fooling_threshold)
+                left = left[len(worlds) :]
+        return tuple(found)
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
         """Play worlds together and then alone, before the first score counts."""

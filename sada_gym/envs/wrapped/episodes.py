@@ -190,12 +190,15 @@ class RunningEpisode:
     """One episode under way, in an environment of its own under its disturbances.
 
     Its `observation` is what the agent sees; `score` is NaN as long as it goes on. It ends where
-    its world breaks; `broken` then says why.
+    its world breaks; `broken` then says why. `terminated`, `truncated` and `info` are what the
+    environment said at the last step.
     """
 
     def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
         self._spec, self.start = spec, start
         self.ended, self.clipped, self.score, self.broken = False, False, np.nan, ""
+        self.terminated, self.truncated = False, False
+        self.info: Mapping[str, Any] = {}
         self.observation: Any = None
         self.rewards: list[float] = []
         self._frame_shape: tuple[int, ...] = ()
@@ -229,11 +232,12 @@ class RunningEpisode:
 
     def _step(self, action: Any) -> None:
         assert self.env is not None
-        self.observation, _, terminated, truncated, _ = self.env.step(action)
+        self.observation, _, terminated, truncated, info = self.env.step(action)
         if terminated or truncated:
-            self.ended = True
+            self.ended, self.info = True, info
+            self.terminated, self.truncated = bool(terminated), bool(truncated)
             check_valid(self.env.unwrapped, self._spec.valid, self._spec.factory.name)
-            episode = self._recorder.episode(terminated=bool(terminated), truncated=bool(truncated))
+            episode = self._recorder.episode(terminated=self.terminated, truncated=self.truncated)
             self.score, self.clipped = self._spec.score(episode)
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
