@@ -230,6 +230,16 @@ class Application(ABC):
             data=plain_values(extras),
         )
 
+    @property
+    def tells_behaviour(self) -> bool:
+        """Whether it says more of failures than their scores: attacks play some again to hear it.
+
+        By default it does where a subclass overrides `behaviour` or `behaviours`.
+        """
+        kind = type(self)
+        methods = (kind.behaviour, kind.behaviours)
+        return methods != (Application.behaviour, Application.behaviours)
+
     def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
         """Play n worlds, mu (n, d), again, and say what the agent did in each.
 

@@ -35,6 +35,7 @@ from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSetti
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
+from sada_gym.failures import Failures, check_seeds, list_failures
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.ids import names_file
 
@@ -49,6 +50,7 @@ class AttackResult:
         report: The figures, as in result.json.
         samples: The M test samples, as in samples.npz.
         queries: The training queries (Omega).
+        failures: The failures among the samples, as in failures.json; None where none fooled.
         was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
 
@@ -58,10 +60,15 @@ class AttackResult:
     folder: Path
     pictures: tuple[Path, ...] = ()
     was_finished: bool = False
+    failures: Failures | None = None
 
     def __repr__(self) -> str:
         """Write the summary: how often the agent failed, where, and by which files."""
-        return summary(self.report, self.folder, self.pictures)
+        return summary(self.report, self.folder, self.pictures, self.further_rows())
+
+    def further_rows(self) -> tuple[tuple[str, str], ...]:
+        """Return the names and texts of findings that are not in the report."""
+        return () if self.failures is None else tuple(self.failures.rows())
 
 
 def attack(
@@ -79,6 +86,7 @@ def attack(
     chunk_size: int | None = None,
     executor: Executor | None = None,
     resume: bool = False,
+    confirm: int = 0,
     pictures: bool = True,
     progress: bool = True,
     on_progress: OnProgress | None = None,
@@ -104,6 +112,8 @@ def attack(
         chunk_size: The evaluations that a worker gets at a time, see `Oracle`.
         executor: Where workers run, see `Oracle`.
         resume: Whether to go on with the run that `out` holds, if it holds one.
+        confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
+            many more evaluations; see `sada_gym.failures`.
         pictures: Whether to draw pictures.
         progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every
             half minute. With `on_progress` nothing is shown.
@@ -119,6 +129,7 @@ def attack(
     check_integer("seed", seed, 0)
     if samples is not None:
         check_integer("samples", samples, 1, MAX_QUERIES)
+    check_seeds(confirm, "confirm")
     # before anything heavy is imported
     check_spelling(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
@@ -167,12 +178,21 @@ def attack(
                 opened.close(now=True)
                 reserved.release()
                 raise
+        report, test_samples, queries = outcome
+        failures = list_failures(
+            opened,
+            settings,
+            test_samples,
+            folder,
+            seeds=confirm,
+            on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
+        )
         drawn: tuple[Path, ...] = ()
         if pictures:
             drawn = draw_missing(
                 opened.application, *outcome, folder, report_progress, anew=not was_finished
             )
-    return AttackResult(*outcome, folder, drawn, was_finished)
+    return AttackResult(report, test_samples, queries, folder, drawn, was_finished, failures)
 
 
 def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:

@@ -30,6 +30,7 @@ _NAMES: dict[Stage, str] = {
     "sample": "Sampling",
     "test": "Testing",
     "measure": "Measuring",
+    "confirm": "Confirming",
     "pictures": "Pictures",
 }
 _STEPS: tuple[Stage, ...] = ("learn", "pictures")

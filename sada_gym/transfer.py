@@ -14,48 +14,23 @@ from typing_extensions import Self
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.arrays import Bools, Floats
+from sada_gym.arrays import Floats
 from sada_gym.cards import fetchable
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
-from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.stored import OnScores, stored_scores
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.finished import check_samples, open_target, read_run
-from sada_gym.experiment.folder import write_samples
+from sada_gym.experiment.folder import ELSEWHERE_FILE, write_samples
 from sada_gym.experiment.names import card_of, check_spelling
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import Strict, as_path, read_model, write_model
 from sada_gym.ids import names_file
-from sada_gym.measures.rates import FoolingRate, wilson_interval
+from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu, ParameterSpace
-
-STORE_FILE = "elsewhere.sqlite"
-"""Holds, in a run's folder, the scores of its samples in other worlds."""
 
 CONFIRMED_FILE = "confirmed.json"
 _FEWEST_RANKS = 3
-
-OnScores = Callable[[int, int, int], object]
-"""Gets the number of scores so far, of all that are asked for, and of those from the store."""
-
-
-class Rate(Strict):
-    """How many of some samples fool, with the 95 % interval of the share (Wilson)."""
-
-    fooled: int
-    samples: int
-    rate: float
-    interval_95: tuple[float, float]
-
-    @classmethod
-    def of(cls, fooled: int, samples: int) -> Self:
-        """Measure a share of at least one sample."""
-        interval = wilson_interval(fooled, samples)
-        return cls(fooled=fooled, samples=samples, rate=fooled / samples, interval_95=interval)
-
-    def __str__(self) -> str:
-        """Write it as people read it: `74.4 % (68.6 to 79.4)`."""
-        return str(FoolingRate(self.fooled, self.samples, self.rate, *self.interval_95))
 
 
 class Comparison(Strict):
@@ -326,7 +301,7 @@ class _Task:
         run, there = self.run, self.there
         with settled.counting() as report:
             score, invalid = stored_scores(
-                there.evaluator, self.mu, run.seeds, run.folder / STORE_FILE, report
+                there.evaluator, self.mu, run.seeds, run.folder / ELSEWHERE_FILE, report
             )
         scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64), invalid)
         valid = ~(run.samples.invalid | invalid)
@@ -401,32 +376,6 @@ def map_samples(
         if outside:
             clipped[new.name] = outside
     return moved, clipped
-
-
-def stored_scores(
-    evaluator: Evaluator,
-    mu: Mu,
-    seeds: list[int],
-    store: Path | None,
-    report: Callable[[int, int], None],
-) -> tuple[Floats, Bools]:
-    """Score mu, (n, d), with n seeds, and keep the scores in a store.
-
-    Without a store, or for an application that nothing identifies, none is kept.
-
-    Returns:
-        The scores, (n,), and which worlds are invalid, (n,).
-    """
-    known = evaluator.application is not None and evaluator.application.fingerprint is not None
-    if store is not None and known:
-        evaluator.attach(store)
-    try:
-        answer = evaluator.evaluate(mu, seeds, report)
-    finally:
-        evaluator.detach()
-    invalid = np.zeros(len(mu), np.bool_)
-    invalid[[*answer.invalid]] = True
-    return answer.scores, invalid
 
 
 def _rank_correlation(here: Floats, there: Floats) -> float | None:

@@ -238,6 +238,7 @@ class Told(Application):
 
 
 def test_an_application_of_ones_own_tells_its_ending() -> None:
+    assert not Told().tells_behaviour, "attacks play nothing again"
     pairs = told(Told(), 20)
     failures = [one for info, one in pairs if info["fooled"]]
     passes = [one for info, one in pairs if not info["fooled"]]

@@ -65,6 +65,9 @@ def attack(
     out_folder: Path | None = option(
         None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
+    confirm: int = option(
+        0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
+    ),
     resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
     as_json: bool = json_option("result.json"),
 ) -> None:
@@ -91,6 +94,8 @@ def attack(
             say(note, console=err)
         if resume and (folder / "result.json").exists():
             say(f"{folder} holds a finished run. It is read, not done again.", console=err)
+        if confirm:
+            say(f"Each failure costs {confirm} more evaluations, to confirm it.", console=err)
         from sada_gym.attack import attack as run_attack
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.progress import AttackProgress
@@ -113,6 +118,7 @@ def attack(
                     samples=samples,
                     seed=seed,
                     out=folder,
+                    confirm=confirm,
                     resume=resume,
                     on_progress=progress,
                 )
@@ -149,7 +155,7 @@ def _show_result(result: AttackResult) -> None:
     from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
 
     say(title(result.report), lead="[bold]")
-    rows = list(summary_rows(result.report))
+    rows = list(summary_rows(result.report, result.further_rows()))
     indent = 5 + max(len(name) for name, _ in rows)
     narrow = out.is_terminal and out.width < 2 * indent
     for name, text in rows:

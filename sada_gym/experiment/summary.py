@@ -24,8 +24,10 @@ def title(report: RunReport) -> str:
     return f"{report.settings.experiment.target.track} · {report.settings.label}"
 
 
-def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each finding."""
+def summary_rows(
+    report: RunReport, further: Iterable[tuple[str, str]] = ()
+) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each finding; `further` ones stand behind where it fails."""
     if (world := _world(report)) is not None:
         yield "environment", world
     low, high = report.afr_interval_95
@@ -36,6 +38,7 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
     yield "where", report.where.sentence
+    yield from further
     if report.influences:
         yield "what matters", _influences(report.influences)
     yield "uniform worlds", _uniform_rate(report)
@@ -71,9 +74,14 @@ def results_line(folder: Path, pictures: Iterable[Path]) -> str:
     return f"Results: {folder}/ ({', '.join(files)})"
 
 
-def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
-    """Write a run's summary, a line for each finding."""
-    rows = list(summary_rows(report))
+def summary(
+    report: RunReport,
+    folder: Path,
+    pictures: Iterable[Path],
+    further: Iterable[tuple[str, str]] = (),
+) -> str:
+    """Write a run's summary, a line for each finding, see `summary_rows`."""
+    rows = list(summary_rows(report, further))
     width = max(len(name) for name, _ in rows)
     lines = [f"  {name:<{width}}   {text}" for name, text in rows]
     return "\n".join([title(report), *lines, results_line(folder, pictures)])

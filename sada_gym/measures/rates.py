@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import Self
 
 from sada_gym.arrays import Floats, Indices, as_array
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
+from sada_gym.files import Strict
 
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 
@@ -28,6 +30,25 @@ class FoolingRate:
     def __str__(self) -> str:
         """Write it as people read it: `74.4 % (68.6 to 79.4)`."""
         return f"{self.rate:.1%} ({100 * self.low:.1f} to {100 * self.high:.1f})".replace("%", " %")
+
+
+class Rate(Strict):
+    """How many of some samples fool, with the 95 % interval of the share (Wilson)."""
+
+    fooled: int
+    samples: int
+    rate: float
+    interval_95: tuple[float, float]
+
+    @classmethod
+    def of(cls, fooled: int, samples: int) -> Self:
+        """Measure a share of at least one sample."""
+        interval = wilson_interval(fooled, samples)
+        return cls(fooled=fooled, samples=samples, rate=fooled / samples, interval_95=interval)
+
+    def __str__(self) -> str:
+        """Write it as people read it: `74.4 % (68.6 to 79.4)`."""
+        return str(FoolingRate(self.fooled, self.samples, self.rate, *self.interval_95))
 
 
 def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:

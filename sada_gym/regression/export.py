@@ -15,16 +15,17 @@ from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.application import Application
 from sada_gym.arrays import Indices
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
-from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
+from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
+from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.finished import check_samples, open_target, read_run, source_of
-from sada_gym.experiment.folder import read_finished
+from sada_gym.experiment.folder import ELSEWHERE_FILE, read_finished
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import MAX_TOML_BYTES, file_errors, parse_toml, read_file, shown
 from sada_gym.ids import names_file
+from sada_gym.measures.groups import distinct, match, places, words
 from sada_gym.parameters import Mu
 from sada_gym.regression.compare import verdict_of
-from sada_gym.regression.groups import distinct, match, places, words
 from sada_gym.regression.suite import (
     Case,
     File,
@@ -35,7 +36,6 @@ from sada_gym.regression.suite import (
     suite_path,
     write_suite,
 )
-from sada_gym.transfer import STORE_FILE, OnScores, stored_scores
 
 MOST_IN_GROUP = 10
 MOST_GROUPS = 20
@@ -186,31 +186,29 @@ class _Chooser:
 
     def _confirmed(self, rows: Indices) -> dict[int, _World]:
         """Evaluate worlds on fresh seeds; with none of them take what is known."""
-        count = self._confirm
+        count, known = self._confirm, self._known[rows]
         if count:
-            seeds = evaluation_seeds(self._seed, "validation", self._drawn, count * len(rows))
-            self._drawn += len(seeds)
-
-            def report(done: int, cached: int) -> None:
-                self._on_scores(done, len(seeds), cached)
-
-            score, invalid = stored_scores(
+            drawn = evaluation_seeds(self._seed, "validation", self._drawn, count * len(rows))
+            self._drawn += len(drawn)
+            seeds = [tuple(drawn[i : i + count]) for i in range(0, len(drawn), count)]
+            fresh = try_again(
                 self._opened.evaluator,
-                np.repeat(self._known.mu[rows], count, axis=0),
+                known.mu,
                 seeds,
-                self._folder / STORE_FILE,
-                report,
+                self._threshold,
+                self._folder / ELSEWHERE_FILE,
+                self._on_scores,
             )
         else:
-            known = self._known[rows]
-            count, seeds = 1, known.seed.tolist()
-            score, invalid = known.score, known.invalid
-        fooled = (fools(score, self._threshold) & ~invalid).reshape(-1, count)
-        own = [tuple(seeds[i : i + count]) for i in range(0, len(seeds), count)]
+            seeds = [(seed,) for seed in known.seed.tolist()]
+            fooled, invalid = known.fooled(self._threshold), known.invalid
+            fresh = FreshScores(fooled[:, None], invalid[:, None])
+        counts = fresh.fooled_seeds.tolist()
+        verdicts = map(verdict_of, fresh.fooled, fresh.invalid)
         return {
-            row: _World(row, own[i], int(fooled[i].sum()), verdict_of(fooled[i], broken))
-            for i, (row, broken) in enumerate(
-                zip(rows.tolist(), invalid.reshape(-1, count), strict=True)
+            row: _World(row, own, fooled_seeds, verdict)
+            for row, own, fooled_seeds, verdict in zip(
+                rows.tolist(), seeds, counts, verdicts, strict=True
             )
         }
 

@@ -18,6 +18,7 @@ from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.envs.wrapped.toml import application_of
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluation.stored import OnScores, stored_scores
 from sada_gym.evaluations import fools
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.packages import version
@@ -32,7 +33,7 @@ from sada_gym.regression.compare import (
     verdict_of,
 )
 from sada_gym.regression.suite import Case, Item, Suite, Verdict, read_suite
-from sada_gym.transfer import OnScores, map_samples, stored_scores
+from sada_gym.transfer import map_samples
 
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
 

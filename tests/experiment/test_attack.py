@@ -22,6 +22,7 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert sorted(path.name for path in result.folder.iterdir()) == [
         "adversary",
         "attack.json",
+        "failures.json",
         "fooled.png",
         "influence.png",
         "marginals.png",

@@ -14,9 +14,9 @@ from toy import Toy
 from sada_gym.attack import attack
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.folder import read_samples
+from sada_gym.measures.groups import distinct, match, places, words
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.regression.export import export
-from sada_gym.regression.groups import distinct, match, places, words
 from sada_gym.regression.junit import junit, markdown
 from sada_gym.regression.regress import regress
 from sada_gym.regression.suite import read_suite

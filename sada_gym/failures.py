@@ -1,0 +1,287 @@
+"""The failures among a run's samples: what the agent does, how sure and how different they are."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sada_gym.application import Application
+from sada_gym.arrays import Indices
+from sada_gym.behaviour import Behaviour, Behaviours, Plain
+from sada_gym.errors import FileError, UserTypeError, check_integer
+from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.finished import check_samples, open_target, read_run
+from sada_gym.experiment.folder import ELSEWHERE_FILE
+from sada_gym.experiment.record import RunSettings
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.files import OneLine, Strict, as_path, read_model, shown, write_model
+from sada_gym.measures.groups import distinct, places, words
+from sada_gym.measures.rates import Rate
+from sada_gym.parameters import Mu
+
+FAILURES_FILE = "failures.json"
+MOST_SEEDS = 1_000
+_MOST_LISTED = 1_000
+_PLAYED, _FEWEST_PLAYED, _PLAYED_SHARE = 10, 3, 0.02
+"""Failures that are played again to see what the agent does: at most so many, and this share of
+the run's evaluations."""
+
+
+class Failure(Strict):
+    """A test sample that fooled the agent.
+
+    Attributes:
+        sample: Its row in samples.npz.
+        parameters: Its physical values by name.
+        group: The number of its distinct failure, from 1.
+        fooled_seeds: With how many fresh seeds it fooled again, out of `valid_seeds` with which the
+            world is valid; None where it was not tried again.
+        behaviour: What the agent did; None where it was not played again.
+    """
+
+    sample: int
+    mu: tuple[float, ...]
+    seed: int
+    score: float
+    parameters: dict[str, float]
+    group: int
+    fooled_seeds: int | None = None
+    valid_seeds: int | None = None
+    behaviour: OneLine | None = None
+
+
+class FailureGroup(Strict):
+    """A distinct failure: samples that lie near one another, and far from others.
+
+    Attributes:
+        failures: The number of samples in it.
+        representative: The sample in its middle.
+        where: What its worlds share, in words.
+    """
+
+    failures: int
+    representative: int
+    where: OneLine
+
+
+class Failures(Strict):
+    """The contents of failures.json.
+
+    Attributes:
+        fooled: How many of the valid samples fooled.
+        seeds: The number of fresh seeds on which each failure was tried again; 0 for none.
+        confirmed: How many of the failures fooled again on most of their fresh seeds; None without
+            such seeds.
+        confirmed_afr: The same over all samples.
+        behaviours: What the agent did in some of them; None where nothing is told.
+        groups: The distinct failures, the largest first.
+        failures: The failures, the surest first, then those with the lowest score. Of very many
+            only the first samples are here, and count above.
+    """
+
+    version: Literal[1] = 1
+    fooled: Rate
+    seeds: int = 0
+    confirmed: Rate | None = None
+    confirmed_afr: Rate | None = None
+    behaviours: Behaviours | None
+    groups: tuple[FailureGroup, ...]
+    failures: tuple[Failure, ...]
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the name and the text of each finding, as the summary of a run has them."""
+        if self.behaviours is not None:
+            yield "what it does", self.behaviours.sentence
+        sizes = [f"{group.failures:,}" for group in self.groups]
+        if len(sizes) > 1:
+            listed = ", ".join(sizes[:4]) + (", ..." if len(sizes) > 4 else "")
+            yield "distinct failures", f"{len(sizes)} groups, of {listed} samples"
+        if self.confirmed is not None and self.confirmed_afr is not None:
+            again = f"{self.confirmed.fooled} of {self.confirmed.samples} failures fail again"
+            on = "a fresh seed" if self.seeds == 1 else f"most of {self.seeds} fresh seeds"
+            yield "confirmed", f"{again} on {on}: a confirmed rate of {self.confirmed_afr}"
+
+
+def read_failures(run: str | Path) -> Failures | None:
+    """Read the failures of a run; None where its folder has no such file.
+
+    Raises:
+        FileError: If the file is damaged, or of another version.
+    """
+    path = as_path(run, "a run's folder") / FAILURES_FILE
+    return read_model(path, Failures) if path.is_file() else None
+
+
+def confirm_failures(
+    run: str | Path,
+    seeds: int = 3,
+    *,
+    application: Application | str | None = None,
+    workers: int = 1,
+    on_scores: OnScores = lambda *_: None,
+) -> Failures | None:
+    """Try each failure of a finished run again on fresh seeds, and write failures.json anew.
+
+    The scores are kept in the run's folder: a call that was stopped goes on where it was, and one
+    with more seeds asks only for these.
+
+    Args:
+        run: The folder that `attack` wrote.
+        seeds: The number of fresh seeds for each failure; 0 tries none.
+        application: What the run attacked, where it cannot say it, see `replay`.
+        workers: 1 evaluates in this process, more in as many others.
+        on_scores: See `OnScores`.
+
+    Returns:
+        What failures.json holds; None where no sample fooled.
+
+    Raises:
+        UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.
+    """
+    check_seeds(seeds)
+    folder = as_path(run, "a run's folder")
+    settings, samples = read_run(folder)
+    call = f"sada_gym.failures.confirm_failures({str(folder)!r}, application=YOURS)"
+    with open_target(settings, folder, application, call=call, workers=workers) as opened:
+        check_samples(samples, opened)
+        return list_failures(opened, settings, samples, folder, seeds=seeds, on_scores=on_scores)
+
+
+def check_seeds(seeds: object, name: str = "seeds") -> None:
+    """Raise a UserError unless a number of fresh seeds is an int from 0 to `MOST_SEEDS`."""
+    check_integer(name, seeds, 0, MOST_SEEDS)
+
+
+def list_failures(
+    opened: OpenTarget,
+    settings: RunSettings,
+    samples: Evaluations,
+    folder: Path,
+    *,
+    seeds: int = 0,
+    on_scores: OnScores = lambda *_: None,
+) -> Failures | None:
+    """List the failures among the samples of a run, and write them into its folder.
+
+    Some are played again to see what the agent does, and with `seeds` each is tried again on so
+    many fresh seeds. A file that is there is returned as it is where it has these. An evaluator
+    with a store gives it up.
+
+    Returns:
+        What failures.json holds; None where no sample fooled.
+    """
+    if (known := _known(folder, seeds, len(samples))) is not None:
+        return known
+    threshold = settings.experiment.target.fooling_threshold
+    rows = np.flatnonzero(samples.fooled(threshold))[:_MOST_LISTED]
+    if not len(rows):
+        return None
+    # where failures are left out, so are the samples behind the last one that is listed
+    tried = samples if len(rows) < _MOST_LISTED else samples[: int(rows[-1]) + 1]
+    worlds = len(tried.valid)
+    mu, space = opened.parameters.validate(samples.mu[rows]), opened.parameters
+    groups = distinct(places(mu, space), len(space))
+    fresh = None
+    if seeds:
+        own = [fresh_seeds(settings.seed, row, seeds) for row in rows.tolist()]
+        opened.evaluator.expect(seeds * len(rows))
+        store = folder / ELSEWHERE_FILE
+        fresh = try_again(opened.evaluator, mu, own, threshold, store, on_scores)
+    protocol = settings.experiment.protocol
+    most = int(_PLAYED_SHARE * (protocol.budget + protocol.samples))
+    count = min(_PLAYED, max(_FEWEST_PLAYED, most))
+    passing = np.flatnonzero(~samples.fooled(threshold) & ~samples.invalid)[:count]
+    behaviours = play_again(opened.application, samples[rows[:count]])
+    compared = any(isinstance(value, Plain) for one in behaviours for value in one.data.values())
+    passes = play_again(opened.application, samples[passing]) if compared else ()
+    confirmed = None if fresh is None else int(fresh.fails.sum())
+    failures = Failures(
+        fooled=Rate.of(len(rows), worlds),
+        seeds=seeds,
+        confirmed=None if confirmed is None else Rate.of(confirmed, len(rows)),
+        confirmed_afr=None if confirmed is None else Rate.of(confirmed, worlds),
+        behaviours=Behaviours.of(behaviours, passes),
+        groups=tuple(
+            FailureGroup(
+                failures=len(group),
+                representative=int(rows[group[0]]),
+                where=words(mu[group], space),
+            )
+            for group in groups
+        ),
+        failures=_listed(opened, samples, rows, groups, fresh, behaviours),
+    )
+    write_model(folder / FAILURES_FILE, failures)
+    return failures
+
+
+def fresh_seeds(seed: int, sample: int, count: int) -> tuple[int, ...]:
+    """Return the first fresh seeds of a sample in a run with this seed; more begin with these."""
+    return tuple(evaluation_seeds(seed, "validation", sample * MOST_SEEDS, count))
+
+
+def play_again(application: Application, samples: Evaluations) -> tuple[Behaviour, ...]:
+    """Play evaluations again, and say what the agent did in each.
+
+    Returns none where the application does not tell it; where it fails to, this warns.
+    """
+    if not len(samples) or not application.tells_behaviour:
+        return ()
+    try:
+        told = tuple(application.behaviours(samples.mu, samples.seed.tolist()))
+        if len(told) != len(samples) or not all(isinstance(one, Behaviour) for one in told):
+            raise UserTypeError(f"expected {len(samples)} objects of Behaviour, got {told!r}")
+    except Exception as error:  # a user's code, too, and must not cost the result
+        reason = shown(f"{type(application).__name__}.behaviours: {type(error).__name__}: {error}")
+        warnings.warn(f"What the agent did is left out. {reason}", stacklevel=2)
+        return ()
+    return told
+
+
+def _known(folder: Path, seeds: int, samples: int) -> Failures | None:
+    """Return the failures that were listed before, if they have as many fresh seeds."""
+    try:
+        known = read_failures(folder)
+    except FileError:  # it is made anew
+        return None
+    if known is None or (seeds and known.seeds != seeds):
+        return None
+    return known if all(failure.sample < samples for failure in known.failures) else None
+
+
+def _listed(
+    opened: OpenTarget,
+    samples: Evaluations,
+    rows: Indices,
+    groups: Sequence[Indices],
+    fresh: FreshScores | None,
+    behaviours: Sequence[Behaviour],
+) -> tuple[Failure, ...]:
+    group_of = {int(row): number for number, group in enumerate(groups, 1) for row in group}
+    listed = []
+    for i, row in enumerate(rows.tolist()):
+        mu: Mu = samples.mu[row]
+        listed.append(
+            Failure(
+                sample=row,
+                mu=tuple(mu.tolist()),
+                seed=int(samples.seed[row]),
+                score=float(samples.score[row]),
+                parameters=opened.parameters.describe(mu),
+                group=group_of[i],
+                fooled_seeds=None if fresh is None else int(fresh.fooled_seeds[i]),
+                valid_seeds=None if fresh is None else int(fresh.valid_seeds[i]),
+                behaviour=shown(behaviours[i].text) if i < len(behaviours) else None,
+            )
+        )
+
+    def order(failure: Failure) -> tuple[float, float, int]:
+        certainty = (failure.fooled_seeds or 0) / (failure.valid_seeds or 1)
+        return -certainty, failure.score, failure.sample
+
+    return tuple(sorted(listed, key=order))
