@@ -74,7 +74,7 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
         return {**self.__dict__, "_rng": None, "world": None}
 
     @property
-    def spec(self) -> None:
+    def spec(self) -> None:  # type: ignore[override]
         """None: no specification could make its worlds again."""
         return
 
