@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import check_integer, check_keywords
+from sada_gym.diagnosis.record import Diagnosis, read_diagnosis, write_diagnosis
+from sada_gym.diagnosis.run import diagnose_run
+from sada_gym.diagnosis.summary import rows as weakness_rows
+from sada_gym.errors import FileError, check_integer, check_keywords
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
@@ -50,6 +53,7 @@ class AttackResult:
         report: The figures, as in result.json.
         samples: The M test samples, as in samples.npz.
         queries: The training queries (Omega).
+        diagnosis: The weaknesses, as in diagnosis.json; None with `diagnose=False`.
         failures: The failures among the samples, as in failures.json; None where none fooled.
         was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
@@ -61,10 +65,21 @@ class AttackResult:
     pictures: tuple[Path, ...] = ()
     was_finished: bool = False
     failures: Failures | None = None
+    diagnosis: Diagnosis | None = None
 
     def __repr__(self) -> str:
         """Write the summary: how often the agent failed, where, and by which files."""
-        return summary(self.report, self.folder, self.pictures, self.further_rows())
+        return summary(
+            self.report,
+            self.folder,
+            self.pictures,
+            self.further_rows(),
+            where=self.where_rows(),
+        )
+
+    def where_rows(self) -> tuple[tuple[str, str], ...]:
+        """Return the names and texts of the weaknesses; none where none was found."""
+        return () if self.diagnosis is None else tuple(weakness_rows(self.diagnosis))
 
     def further_rows(self) -> tuple[tuple[str, str], ...]:
         """Return the names and texts of findings that are not in the report."""
@@ -86,6 +101,7 @@ def attack(
     chunk_size: int | None = None,
     executor: Executor | None = None,
     resume: bool = False,
+    diagnose: bool = True,
     confirm: int = 0,
     pictures: bool = True,
     progress: bool = True,
@@ -112,6 +128,8 @@ def attack(
         chunk_size: The evaluations that a worker gets at a time, see `Oracle`.
         executor: Where workers run, see `Oracle`.
         resume: Whether to go on with the run that `out` holds, if it holds one.
+        diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnosis.diagnose`; fresh
+            worlds check them, which costs 5 % more evaluations, but at most 200.
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
             many more evaluations; see `sada_gym.failures`.
         pictures: Whether to draw pictures.
@@ -179,6 +197,9 @@ def attack(
                 reserved.release()
                 raise
         report, test_samples, queries = outcome
+        diagnosis = None
+        if diagnose:
+            diagnosis = _diagnose(opened, outcome, folder, report_progress)
         failures = list_failures(
             opened,
             settings,
@@ -192,7 +213,9 @@ def attack(
             drawn = draw_missing(
                 opened.application, *outcome, folder, report_progress, anew=not was_finished
             )
-    return AttackResult(report, test_samples, queries, folder, drawn, was_finished, failures)
+    return AttackResult(
+        report, test_samples, queries, folder, drawn, was_finished, failures, diagnosis
+    )
 
 
 def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:
@@ -208,6 +231,33 @@ def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:
     write_samples(folder / SAMPLES_FILE, run.samples)
     write_model(folder / RESULT_FILE, report)
     return report
+
+
+def _diagnose(
+    opened: OpenTarget,
+    outcome: tuple[RunReport, Evaluations, Evaluations],
+    folder: Path,
+    on_progress: OnProgress,
+) -> Diagnosis:
+    """Read the diagnosis of a run, or make it."""
+    with suppress(FileError):
+        return read_diagnosis(folder)
+    report, samples, queries = outcome
+    on_progress(RunProgress("diagnose"))
+    opened.evaluator.attach(folder / STORE_FILE)
+    try:
+        diagnosis = diagnose_run(
+            report.settings,
+            opened.evaluator,
+            queries,
+            samples,
+            uniform=0 if report.uniform is None else report.uniform.worlds,
+            on_scores=lambda *counts: on_progress(RunProgress("diagnose", *counts)),
+        )
+    finally:
+        opened.evaluator.detach()
+    write_diagnosis(folder, diagnosis)
+    return diagnosis
 
 
 def _progress(shown: bool, on_progress: OnProgress | None) -> AbstractContextManager[OnProgress]:

@@ -30,6 +30,7 @@ _NAMES: dict[Stage, str] = {
     "sample": "Sampling",
     "test": "Testing",
     "measure": "Measuring",
+    "diagnose": "Diagnosing",
     "confirm": "Confirming",
     "pictures": "Pictures",
 }

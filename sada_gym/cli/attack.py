@@ -65,6 +65,9 @@ def attack(
     out_folder: Path | None = option(
         None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
+    diagnose: bool = option(
+        True, "Whether to find the weaknesses, with 5 % more evaluations, at most 200."
+    ),
     confirm: int = option(
         0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
     ),
@@ -74,8 +77,9 @@ def attack(
     """Train an adversary against an agent and measure how often its samples fool it.
 
     DIR receives result.json (the attack fooling rate with its interval, and all settings),
-    samples.npz, pictures, the trained adversary, and run.sqlite, which holds every evaluation: a
-    run that was stopped at any moment goes on with --resume and ends with the same result.
+    samples.npz, diagnosis.json (the weaknesses), pictures, the trained adversary, and run.sqlite,
+    which holds every evaluation: a run that was stopped at any moment goes on with --resume and
+    ends with the same result.
     """
     track = Path(env_id).stem if names_file(env_id) else env_id
     folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
@@ -118,6 +122,7 @@ def attack(
                     samples=samples,
                     seed=seed,
                     out=folder,
+                    diagnose=diagnose,
                     confirm=confirm,
                     resume=resume,
                     on_progress=progress,
@@ -155,7 +160,7 @@ def _show_result(result: AttackResult) -> None:
     from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
 
     say(title(result.report), lead="[bold]")
-    rows = list(summary_rows(result.report, result.further_rows()))
+    rows = list(summary_rows(result.report, result.further_rows(), where=result.where_rows()))
     indent = 5 + max(len(name) for name, _ in rows)
     narrow = out.is_terminal and out.width < 2 * indent
     for name, text in rows:
@@ -163,7 +168,8 @@ def _show_result(result: AttackResult) -> None:
         if out.is_terminal:
             text = f"\n{wrapped(text, 4)}" if narrow else wrapped(text, indent)[indent:]
         line = Text(start, style="dim").append(
-            text, "not dim bold" if name in (AFR, "where") else "not dim"
+            text,
+            "not dim bold" if name in (AFR, "where") or name.startswith("weakness") else "not dim",
         )
         out.print(line, soft_wrap=True)
     say(results_line(result.folder, result.pictures))

@@ -5,41 +5,46 @@ from __future__ import annotations
 from pathlib import Path
 
 from pydantic import Field
-from typing_extensions import Self
 
 from sada_gym.errors import FileError
 from sada_gym.files import OneLine, Strict, as_path, read_model, write_model
 from sada_gym.measures.failure_regions import Condition
-from sada_gym.measures.rates import wilson_interval
+from sada_gym.measures.rates import Rate
+
+__all__ = [
+    "DIAGNOSIS_FILE",
+    "VERSION",
+    "Diagnosis",
+    "Example",
+    "Rate",
+    "SumCondition",
+    "Threshold",
+    "Weakness",
+    "read_diagnosis",
+    "write_diagnosis",
+]
 
 DIAGNOSIS_FILE = "diagnosis.json"
 VERSION = 1
 
 
-class Rate(Strict):
-    """How many of so many worlds fooled the agent, with Wilson's 95 % interval."""
-
-    fooled: int = Field(ge=0)
-    worlds: int = Field(ge=1)
-    rate: float
-    interval_95: tuple[float, float]
-
-    @classmethod
-    def of(cls, fooled: int, worlds: int) -> Self:
-        """Work out the rate of at least one world."""
-        interval = wilson_interval(fooled, worlds)
-        return cls(fooled=fooled, worlds=worlds, rate=fooled / worlds, interval_95=interval)
-
-
 class Threshold(Strict):
     """An end of a condition's range that is not an end of the parameter's, in physical values.
 
-    With a chance of about 95 % the true end lies in the interval.
+    With a chance of about 95 % the true end lies in the interval. For a sum of two parameters
+    the values are those of the sum.
     """
 
     parameter: str
     value: float
     interval_95: tuple[float, float]
+
+
+class SumCondition(Condition):
+    """A condition on two parameters: on `parameter + factor * other`, in physical values."""
+
+    other: str
+    factor: float
 
 
 class Example(Strict):
@@ -63,19 +68,21 @@ class Weakness(Strict):
         text: The conditions as people say them, such as `camera pitch is above 35° and the camera
             is behind`.
         volume: The share of uniform worlds for which they hold.
-        share: The share of the known different failures for which they hold.
-        failures: The number of these.
+        share: The share of the failures for which they hold: among uniform worlds, where enough
+            of these failed, else among all that are known.
+        failures: The number of known different failures for which they hold.
         distinct: The number of groups of these that lie apart.
         inside: The fooling rate of uniform worlds in it, by worlds that the rule was not fitted
             to; None where none were evaluated.
-        outside: The same of worlds that lie in no weakness of the diagnosis.
+        outside: The same of worlds that lie in no weakness of the diagnosis, nor in a rule that
+            fresh worlds refused.
         thresholds: The ends of the ranges, and how sure they are.
         examples: Some failures in it that lie apart, the most typical first.
         confirmed: How often failures in it failed again on fresh seeds; None where not tried.
         behaviour: What the agent does in it; None where not known.
     """
 
-    conditions: tuple[Condition, ...] = Field(min_length=1)
+    conditions: tuple[SumCondition | Condition, ...] = Field(min_length=1)
     text: OneLine
     volume: float
     share: float
@@ -98,7 +105,7 @@ class Diagnosis(Strict):
         weaknesses: At most five; none where no rule stands out.
         worlds: The number of valid worlds that were known: training queries and test samples.
         failures: The number of different failures among them.
-        explained: The share of these that lie in any weakness.
+        explained: The share of the failures that lie in any weakness, as `Weakness.share`.
         fresh: The number of evaluations that the diagnosis spent.
     """
 

@@ -40,7 +40,7 @@ from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
 
-Stage = Literal["train", "learn", "sample", "test", "measure", "confirm", "pictures"]
+Stage = Literal["train", "learn", "sample", "test", "measure", "diagnose", "confirm", "pictures"]
 """What a run is doing: it queries (`train`), learns from the scores (`learn`), and so on."""
 
 

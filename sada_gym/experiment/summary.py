@@ -25,9 +25,15 @@ def title(report: RunReport) -> str:
 
 
 def summary_rows(
-    report: RunReport, further: Iterable[tuple[str, str]] = ()
+    report: RunReport,
+    further: Iterable[tuple[str, str]] = (),
+    *,
+    where: Iterable[tuple[str, str]] = (),
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each finding; `further` ones stand behind where it fails."""
+    """Yield the name and the text of each finding; `further` ones stand behind where it fails.
+
+    The rows of a diagnosis say `where`, if there are any.
+    """
     if (world := _world(report)) is not None:
         yield "environment", world
     low, high = report.afr_interval_95
@@ -37,7 +43,7 @@ def summary_rows(
     if invalid is not None and invalid.samples:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
-    yield "where", report.where.sentence
+    yield from tuple(where) or [("where", report.where.sentence)]
     yield from further
     if report.influences:
         yield "what matters", _influences(report.influences)
@@ -79,9 +85,11 @@ def summary(
     folder: Path,
     pictures: Iterable[Path],
     further: Iterable[tuple[str, str]] = (),
+    *,
+    where: Iterable[tuple[str, str]] = (),
 ) -> str:
     """Write a run's summary, a line for each finding, see `summary_rows`."""
-    rows = list(summary_rows(report, further))
+    rows = list(summary_rows(report, further, where=where))
     width = max(len(name) for name, _ in rows)
     lines = [f"  {name:<{width}}   {text}" for name, text in rows]
     return "\n".join([title(report), *lines, results_line(folder, pictures)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -74,7 +75,7 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     mu = space.validate(failures)
     different = np.unique(mu + np.float32(0.0), axis=0)
     if len(different) < MIN_FAILURES:
-        return FailureRegions(sentence=_too_few(len(mu), len(different)))
+        return FailureRegions(sentence=too_few(len(mu), len(different)))
     values, among = space.physical(different), np.ones(len(different), dtype=np.bool_)
     findings: dict[int, _Finding] = {}
     uniform = 1.0
@@ -90,27 +91,29 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
             f"{len(different):,} failures than of uniform worlds."
         )
     conditions = tuple(
-        _condition(space.parameters[index], finding) for index, finding in findings.items()
+        condition(space.parameters[index], finding.grid.edges, finding.cells)
+        for index, finding in findings.items()
     )
     share = float(among.mean())
     mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
-    listed = " and ".join(condition.text for condition in conditions)
+    listed = " and ".join(found.text for found in conditions)
     return FailureRegions(
-        sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} "
-        f"failures, against {_percent(uniform)} of uniform worlds.",
+        sentence=f"Fails {mostly} where {listed}: {percent(share)} of the {len(different):,} "
+        f"failures, against {percent(uniform)} of uniform worlds.",
         conditions=conditions,
         share=share,
         uniform=uniform,
     )
 
 
-def _too_few(failures: int, different: int) -> str:
+def too_few(failures: int, different: int, kind: str = "sample") -> str:
+    """Say that so many failures, so many of them different, say nothing; `kind` are the worlds."""
     if not failures:
-        return "No sample fooled the agent."
+        return f"No {kind} fooled the agent."
     if different < failures:
         worlds = "one world" if different == 1 else f"{different} different worlds"
         return f"The {failures:,} failures are {worlds}, too few to say where the agent fails."
-    count = "Only one sample" if failures == 1 else f"Only {failures} samples"
+    count = f"Only one {kind}" if failures == 1 else f"Only {failures} {kind}s"
     return f"{count} fooled the agent, too few to say where it fails."
 
 
@@ -189,7 +192,7 @@ def _grid(parameter: Parameter) -> _Grid:
         return _Grid(np.linspace(0.0, 360.0, _OCTANTS + 1), _sectors())
     if choices:
         edges = np.linspace(low, high, len(choices) + 1)
-        if not _is_ordered(parameter):
+        if not is_ordered(parameter):
             return _Grid(edges, None)
         edges = edges[:: -(-len(choices) // _MAX_CELLS)]
         edges = np.append(edges[edges < high], high)
@@ -236,7 +239,8 @@ def _largest_sets(counts: Floats) -> Bools:
     return largest
 
 
-def _is_ordered(parameter: Parameter) -> bool:
+def is_ordered(parameter: Parameter) -> bool:
+    """Return whether a parameter's choices are consecutive whole numbers."""
     names = parameter.choices
     try:
         numbers = list(map(int, names))
@@ -245,13 +249,25 @@ def _is_ordered(parameter: Parameter) -> bool:
     return numbers == list(range(numbers[0], numbers[0] + len(names)))
 
 
-def _condition(parameter: Parameter, finding: _Finding) -> Condition:
-    label = parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
-    said = f"{label} is {_describe(parameter, finding)}"
-    text = "".join(letter if letter.isprintable() else " " for letter in said)
-    edges, runs = finding.grid.edges, _runs(finding.cells)
-    ranges = tuple((float(edges[i]), float(edges[j])) for i, j in runs)
-    return Condition(parameter=parameter.name, ranges=ranges, text=text)
+def condition(parameter: Parameter, edges: Floats, cells: Bools) -> Condition:
+    """Return the condition that a parameter lies in some cells of its range, (k,).
+
+    Cell i lies between the physical values i and i + 1 of `edges`, (k + 1,). Those of an angle that
+    goes all around are eight equal ones.
+    """
+    said = f"{short_label(parameter)} is {_describe(parameter, edges, cells)}"
+    ranges = tuple((float(edges[i]), float(edges[j])) for i, j in _runs(cells))
+    return Condition(parameter=parameter.name, ranges=ranges, text=in_one_line(said))
+
+
+def short_label(parameter: Parameter) -> str:
+    """Say what it is whose parameter is said: the camera, where it is the camera's azimuth."""
+    return parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
+
+
+def in_one_line(text: str) -> str:
+    """Replace letters that are not printable by spaces."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _runs(cells: Bools) -> list[tuple[int, int]]:
@@ -259,26 +275,26 @@ def _runs(cells: Bools) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in changes.reshape(-1, 2)]
 
 
-def _describe(parameter: Parameter, finding: _Finding) -> str:
-    cells, names = finding.cells, parameter.choices
+def _describe(parameter: Parameter, edges: Floats, cells: Bools) -> str:
+    names = parameter.choices
     if parameter.directions:
         return _describe_directions(parameter.directions, cells)
-    if names and not _is_ordered(parameter):
+    if names and not is_ordered(parameter):
         chosen = [name for name, taken in zip(names, cells, strict=True) if taken]
         others = [name for name, taken in zip(names, cells, strict=True) if not taken]
-        return _either(chosen) if len(chosen) <= len(others) else f"not {_either(others)}"
+        return either(chosen) if len(chosen) <= len(others) else f"not {either(others)}"
     if names:
-        share = (finding.grid.edges - parameter.low) / (parameter.high - parameter.low)
+        share = (edges - parameter.low) / (parameter.high - parameter.low)
         first = np.rint(share * len(names)).astype(int).tolist()  # each cell's first choice
-        return _either([_choices(names, first[i], first[j]) for i, j in _runs(cells)])
+        return either([_choices(names, first[i], first[j]) for i, j in _runs(cells)])
     if parameter.whole:
-        ends = [parameter.with_unit(number(math.ceil(edge))) for edge in finding.grid.edges]
-        lasts = [parameter.with_unit(number(math.floor(edge))) for edge in finding.grid.edges]
-        return _either([_whole(ends, lasts, i, j) for i, j in _runs(cells)])
+        ends = [parameter.with_unit(number(math.ceil(edge))) for edge in edges]
+        lasts = [parameter.with_unit(number(math.floor(edge))) for edge in edges]
+        return either([_whole(ends, lasts, i, j) for i, j in _runs(cells)])
     # edges are round numbers; those of a narrow range far from zero need many digits
-    rounded = (f"{edge:.12g}".replace("-", "\N{MINUS SIGN}") for edge in finding.grid.edges)
+    rounded = (f"{edge:.12g}".replace("-", "\N{MINUS SIGN}") for edge in edges)
     ends = [parameter.with_unit(text) for text in rounded]
-    return _either([_interval(ends, i, j) for i, j in _runs(cells)])
+    return either([_interval(ends, i, j) for i, j in _runs(cells)])
 
 
 def _choices(names: tuple[str, ...], first: int, stop: int) -> str:
@@ -317,14 +333,16 @@ def _describe_directions(names: tuple[str, ...], cells: Bools) -> str:
         return f"{names[ahead]} and {names[aside]}"
     if len(chosen) == 3:
         return f"not {names[around.index(False)]}"
-    return _either(chosen)
+    return either(chosen)
 
 
-def _either(parts: list[str]) -> str:
+def either(parts: Sequence[str]) -> str:
+    """Join what may be said of one thing: `fog, rain or snow`."""
     return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """Write a share as people read it: `31 %`."""
     percent = 100.0 * share
     if 0.0 < percent < 0.1:
         return "under 0.1 %"

@@ -22,6 +22,7 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert sorted(path.name for path in result.folder.iterdir()) == [
         "adversary",
         "attack.json",
+        "diagnosis.json",
         "failures.json",
         "fooled.png",
         "influence.png",
@@ -32,7 +33,8 @@ def test_an_attack_writes_its_folder(tmp_path):
         "scores.png",
     ]
     stages = [stage for stage, _ in itertools.groupby(progress.stage for progress in reported)]
-    assert stages == ["train", "learn", "train", "learn", "sample", "test", "measure", "pictures"]
+    first = ["train", "learn", "train", "learn", "sample", "test", "measure"]
+    assert stages == [*first, "diagnose", "pictures"]
     assert reported[0] == RunProgress("train", 0, 100, 0)
     assert RunProgress("train", 100, 100, 0, evaluated=100) in reported
     assert RunProgress("test", 30, 30, 0, evaluated=130) in reported
@@ -218,7 +220,13 @@ def test_a_result_prints_as_its_summary(tmp_path):
     assert lines[0] == "Toy-v0 · greedy"
     low, high = (100 * end for end in result.report.afr_interval_95)
     assert f"{100 * result.report.afr:.1f} % (95 % interval {low:.1f} to {high:.1f})" in lines[1]
-    assert lines[2].split(None, 1) == ["where", result.report.where.sentence]
+    [weakness] = result.diagnosis.weaknesses
+    assert lines[2].split(None, 1)[0] == "weakness"
+    assert weakness.text in lines[2]
+    without = run(tmp_path / "b", diagnose=False)
+    assert ["where", without.report.where.sentence] in [
+        line.split(None, 1) for line in str(without).splitlines()
+    ]
     assert "uniform worlds        not known" in text
     assert f"novelty               median distance {result.report.novelty.median:.3f} " in text
     assert lines[-1].startswith(f"Results: {tmp_path / 'a'}/ (result.json, marginals.png")

@@ -68,7 +68,7 @@ _NAMES = {"VecNormalize": object}
 """Names that only type checkers load."""
 
 
-def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplication:
+def read_application(path: str | Path) -> GymnasiumApplication:
     """Read a TOML file that describes an application.
 
     Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
@@ -77,7 +77,6 @@ def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplica
 
     Args:
         path: The TOML file.
-        agent: What takes the place of the file's agent, which is not looked at then.
 
     Raises:
         FileError: If the file is missing or no TOML.
@@ -85,29 +84,22 @@ def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplica
             raises it.
     """
     path = as_path(path, "a TOML file")
-    return application_of(read_toml(path), path, agent=agent)
+    return application_of(read_toml(path), path)
 
 
-def application_of(
-    table: Mapping[str, Any], path: Path, *, agent: Any = None
-) -> GymnasiumApplication:
+def application_of(table: Mapping[str, Any], path: Path) -> GymnasiumApplication:
     """Make the application that the table of a TOML file describes, see `read_application`.
 
     Paths in the table are relative to the folder of `path`, which need not exist.
     """
     keys, required = application_keys()
     check_known(f"key in {path}", table, [*keys])
-    if agent is not None:  # statistics beside the file's agent are not this one's
-        table = {
-            key: value for key, value in table.items() if key not in ("agent", "vec_normalize")
-        }
-        required = [key for key in required if key != "agent"]
     missing = [key for key in required if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
     _check_values(table, path)
     _check_types(table, keys, path)
-    arguments = {**table, "agent": _agent(table["agent"], path) if agent is None else agent}
+    arguments = {**table, "agent": _agent(table["agent"], path)}
     if "valid" in table:
         arguments["valid"] = _imported(table["valid"], path, "valid", "module:function")
     arguments["parameters"] = {

@@ -1,0 +1,53 @@
+"""`sada-gym diagnose`: the few rules that say how a run's agent fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from sada_gym.cli.console import (
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+    scores_progress,
+    workers_option,
+)
+
+
+def diagnose(
+    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    fresh: int | None = option(
+        None,
+        "Fresh worlds to check the rules with.",
+        minimum=0,
+        shown="5 % of the run's budget, at most 200",
+    ),
+    workers: int = workers_option(1),
+    application: str | None = option(
+        None,
+        "What was attacked, where a run cannot say it.",
+        metavar="ID|FILE.toml",
+        shown="what RUN names",
+    ),
+    as_json: bool = json_option("the diagnosis"),
+) -> None:
+    """Find one to five weaknesses: rules over physical parameters where the agent fails.
+
+    RUN receives diagnosis.json. The same command goes on after a stop.
+    """
+    with errors_as_sentences():
+        from sada_gym.diagnosis.run import diagnose as find
+        from sada_gym.diagnosis.summary import details
+
+        with scores_progress() as progress:
+            diagnosis = find(
+                run, fresh=fresh, application=application, workers=workers, on_scores=progress
+            )
+    if as_json:
+        print_json(diagnosis)
+        return
+    for line in details(diagnosis):
+        say(line, lead="" if line.startswith(" ") else "[bold]")

@@ -1,0 +1,166 @@
+"""Diagnoses a run: how does its agent fail?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.application import Application
+from sada_gym.arrays import Bools
+from sada_gym.diagnosis.core import diagnose_worlds
+from sada_gym.diagnosis.record import Diagnosis, write_diagnosis
+from sada_gym.errors import FileError, UserError, check_integer
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
+from sada_gym.experiment.finished import check_samples, open_target, read_run
+from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
+from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.files import as_path, read_model
+from sada_gym.parameters import Mu
+
+FRESH_SHARE, MOST_FRESH = 0.05, 200
+"""A diagnosis spends this share of the training budget on fresh worlds, but at most so many."""
+
+_FIRST_SEED = 2**20  # of the validation stream, whose first seeds have other purposes
+
+OnScores = Callable[[int, int, int], object]
+"""Gets the number of fresh scores so far, of all that are asked for, and of those known before."""
+
+
+def diagnose(
+    run: str | Path,
+    *,
+    fresh: int | None = None,
+    application: Application | str | None = None,
+    workers: int = 1,
+    on_scores: OnScores = lambda *_: None,
+) -> Diagnosis:
+    """Find one to five weaknesses of the agent that a finished run attacked.
+
+    Rules are found among the training queries and the test samples; fresh uniform worlds inside
+    and outside decide which of them stand. The diagnosis is written to the run's folder as
+    diagnosis.json, and the fresh scores are kept there, so that a call that was stopped goes on
+    where it was.
+
+    Args:
+        run: The folder that `attack` wrote.
+        fresh: The most fresh evaluations; None takes 5 % of the run's budget, at most 200. With 0
+            no rates inside and outside are known.
+        application: What the run attacked, where it cannot say it, see `replay`.
+        workers: 1 evaluates in this process, more in as many others.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.
+    """
+    folder = as_path(run, "a run's folder")
+    settings, samples = read_run(folder)
+    if fresh is not None:
+        check_integer("fresh", fresh, 0, 100_000)
+    call = f"sada_gym.diagnosis.diagnose({str(folder)!r}, application=YOURS)"
+    with open_target(settings, folder, application, call=call, workers=workers) as opened:
+        check_samples(samples, opened)
+        opened.parameters.validate(samples.mu)
+        queries, uniform = _known_queries(folder, settings, opened.dimension)
+        opened.evaluator.attach(folder / STORE_FILE)
+        diagnosis = diagnose_run(
+            settings,
+            opened.evaluator,
+            queries,
+            samples,
+            uniform=uniform,
+            fresh=fresh,
+            on_scores=on_scores,
+        )
+    write_diagnosis(folder, diagnosis)
+    return diagnosis
+
+
+def diagnose_run(
+    settings: RunSettings,
+    evaluator: Evaluator,
+    queries: Evaluations,
+    samples: Evaluations,
+    *,
+    uniform: int,
+    fresh: int | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Diagnosis:
+    """Diagnose a run by its training queries, so many of whose first valid ones are `uniform`.
+
+    The evaluator keeps the fresh scores in its store.
+    """
+    application = evaluator.application
+    assert application is not None
+    experiment = settings.experiment
+    threshold = experiment.target.fooling_threshold
+    if fresh is None:
+        fresh = default_fresh(experiment.protocol.budget)
+    queries = queries.valid
+    even = np.arange(len(queries)) < uniform
+    samples_even = experiment.adversary.name == "random"
+    spent = 0
+
+    def evaluate(mu: Mu) -> tuple[Bools, Bools]:
+        nonlocal spent
+        seeds = evaluation_seeds(settings.seed, "validation", _FIRST_SEED + spent, len(mu))
+        done, total = spent, max(fresh, spent + len(mu))
+        spent += len(mu)
+
+        def report(count: int, cached: int) -> None:
+            on_scores(done + count, total, cached)
+
+        try:
+            answer = evaluator.evaluate(mu, seeds, report)
+        except UserError:  # too many worlds broke: the known ones have to do
+            return np.zeros(len(mu), np.bool_), np.zeros(len(mu), np.bool_)
+        valid = np.ones(len(mu), np.bool_)
+        valid[[*answer.invalid]] = False
+        return fools(answer.scores, threshold) & valid, valid
+
+    any_world = np.zeros((1, len(application.parameters)), np.float32)
+
+    def permits(mu: Mu) -> Bools:
+        permitted = application.permits(mu)
+        assert permitted is not None
+        return permitted
+
+    return diagnose_worlds(
+        application.parameters,
+        queries + samples,
+        threshold,
+        np.append(even, np.full(len(samples), samples_even)),
+        evaluate=evaluate,
+        fresh=fresh,
+        permits=None if application.permits(any_world) is None else permits,
+        seed=settings.seed,
+    )
+
+
+def default_fresh(budget: int) -> int:
+    """Return how many fresh evaluations a diagnosis spends after so many training queries."""
+    return min(int(FRESH_SHARE * budget), MOST_FRESH)
+
+
+def _known_queries(folder: Path, settings: RunSettings, dimension: int) -> tuple[Evaluations, int]:
+    """Read the training queries, and how many of the first valid ones are uniform.
+
+    A run that another version wrote may not say these: they count as not uniform.
+    """
+    try:
+        report = read_model(folder / RESULT_FILE, RunReport)
+        asked, uniform = report.search.queries, report.uniform
+    except FileError:
+        asked, uniform = settings.experiment.protocol.budget, None
+    seeds = evaluation_seeds(settings.seed, "train", 0, asked)
+    found = None
+    if seeds and (folder / STORE_FILE).exists():
+        with EvaluationStore(folder / STORE_FILE) as store:
+            context = store.context(settings.experiment.target.application)
+            found = store.evaluations(context, seeds)
+    if found is None:
+        return Evaluations.empty(dimension), 0
+    return found, 0 if uniform is None else uniform.worlds

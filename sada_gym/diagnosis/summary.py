@@ -1,0 +1,57 @@
+"""A diagnosis in lines for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sada_gym.diagnosis.record import Diagnosis, Weakness
+from sada_gym.measures.failure_regions import percent
+from sada_gym.measures.rates import Rate
+from sada_gym.parameters import number
+
+
+def rows(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each weakness."""
+    for place, weakness in enumerate(diagnosis.weaknesses, 1):
+        name = "weakness" if len(diagnosis.weaknesses) == 1 else f"weakness {place}"
+        text = f"{weakness.text}: {_findings(weakness)}"
+        yield name, text if weakness.behaviour is None else f"{text}; {weakness.behaviour}"
+
+
+def details(diagnosis: Diagnosis) -> Iterator[str]:
+    """Yield lines that say all of a diagnosis but its examples."""
+    yield diagnosis.sentence
+    for place, weakness in enumerate(diagnosis.weaknesses, 1):
+        yield f"{place}. {weakness.text}"
+        yield f"   {_findings(weakness)}"
+        yield (
+            f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known failures, "
+            f"{weakness.distinct} of them distinct"
+        )
+        if weakness.behaviour is not None:
+            yield f"   {weakness.behaviour}"
+        if weakness.confirmed is not None:
+            yield f"   {rate_text(weakness.confirmed)} failed again on fresh seeds"
+        for end in weakness.thresholds:
+            low, high = end.interval_95
+            interval = f"{number(low)} to {number(high)}"
+            yield f"   {end.parameter}: threshold {number(end.value)} (95 % interval {interval})"
+    if diagnosis.weaknesses:
+        yield (
+            f"  {percent(diagnosis.explained)} of the failures lie in a weakness. By "
+            f"{diagnosis.worlds:,} worlds of the run and {diagnosis.fresh:,} fresh ones."
+        )
+
+
+def rate_text(rate: Rate) -> str:
+    """Write a rate with its interval: `81 % (63 to 92)`."""
+    low, high = rate.interval_95
+    return f"{percent(rate.rate)} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def _findings(weakness: Weakness) -> str:
+    share = f"{percent(weakness.share)} of the failures"
+    if weakness.inside is None:
+        return share
+    elsewhere = "" if weakness.outside is None else f", {rate_text(weakness.outside)} elsewhere"
+    return f"{rate_text(weakness.inside)} fooled{elsewhere}; {share}"
