@@ -7,6 +7,7 @@ and no weights.
 from typing import TYPE_CHECKING
 
 from sada_gym.application import Application, Outcomes, Scored
+from sada_gym.behaviour import Behaviour
 from sada_gym.evaluation.problems import make_application
 from sada_gym.frames import Frame
 from sada_gym.lazy import lazy_names
@@ -21,6 +22,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Application",
+    "Behaviour",
     "Frame",
     "GymnasiumApplication",
     "Outcomes",

@@ -8,6 +8,7 @@ from pathlib import Path
 from sada_gym.cards import find_card
 from sada_gym.experiment.folder import RESULT_FILE
 from sada_gym.experiment.invalid import InvalidWorlds
+from sada_gym.experiment.measure import FeasibleRate
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.measures.sensitivity import Influence
@@ -54,12 +55,8 @@ def summary_rows(
         yield "nominal world", _nominal(report.nominal)
         if not report.nominal.fooled * 2 > report.nominal.evaluations:
             yield "smallest change", _smallest(report.nominal)
-    feasible = report.feasible
-    if feasible is not None and feasible.afr is not None:
-        yield (
-            "over feasible worlds",
-            f"{_percent(feasible.afr)}, {feasible.fooled} of {feasible.worlds} samples",
-        )
+    if report.feasible is not None:
+        yield "over feasible worlds", _feasible(report.feasible, report.fooled)
     if report.search.fooling_rate is not None:
         rate = _percent(report.search.fooling_rate)
         yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
@@ -104,6 +101,15 @@ def _in_use(found: FailureProbability) -> str:
     if found.worth < _FEW_DRAWS:
         text += ". That is little: ask more, or shrink the ranges to what occurs"
     return text
+
+
+def _feasible(found: FeasibleRate, fooled: int) -> str:
+    if found.afr is None:
+        return "not known: the privileged agent fails in all of the samples' worlds"
+    text = f"{_percent(found.afr)}, {found.fooled} of {found.worlds} samples"
+    if not fooled:
+        return text
+    return f"{text}; in {fooled - found.fooled} of {fooled} failures the privileged agent fails too"
 
 
 def _invalid(invalid: InvalidWorlds, report: RunReport) -> str:

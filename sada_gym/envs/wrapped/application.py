@@ -19,6 +19,7 @@ from gymnasium import spaces
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.wrappers import TimeLimit
 
+from sada_gym.agents import resolve
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Interface
 from sada_gym.agents.given import agent_of
@@ -33,7 +34,7 @@ from sada_gym.application import (
     check_declared,
     isolated_rng,
 )
-from sada_gym.arrays import Floats32
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.behaviour import Behaviour
 from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
@@ -50,6 +51,7 @@ from sada_gym.envs.wrapped.episodes import (
 )
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
+from sada_gym.envs.wrapped.privileged import Privileged
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
 from sada_gym.evaluation.watch import is_watched, world_key
@@ -136,6 +138,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             interrupt a call.
         agent_timeout: How many seconds an agent in a process of its own may take to start, and to
             answer.
+        privileged: A second agent, of the same kinds as `agent`, such as a controller that knows
+            the physics or an older checkpoint. Where it fails as well, a failure may not be the
+            agent's own: attacks tell such worlds apart. `vec_normalize`, `deterministic` and
+            `agent_id` hold for it, too.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -178,6 +184,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         feasible: FeasibleLike | None = None,
         timeout: float | None = None,
         agent_timeout: float = 300.0,
+        privileged: Any = None,
     ) -> None:
         check_integer("episodes", episodes, 1, _MOST_EPISODES)
         check_integer("sample_size", sample_size, 1, _MOST_WHOLE)
@@ -218,17 +225,15 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if name is not None:
             self.name = name  # type: ignore[misc]
         check_declared(self)
-        place = place_of(agent)
-        if place is not None:
-            remote = self._reached(place, agent_timeout)
-            super().__init__(remote, agent_id)
-            self.agent_name = agent_id or remote.name
-        elif isinstance(agent, str | Path):
-            file = find_agent_file(agent)
-            super().__init__(self._load(file), agent_id)
-            self.agent_name = agent_id or file.stem
-        else:
-            super().__init__(agent, agent_id)
+        given, name_of_agent = self._found(agent, agent_timeout)
+        super().__init__(given, agent_id)
+        self.agent_name = agent_id or name_of_agent or self.agent_name
+        self._privileged: Privileged | None = None
+        if privileged is not None:
+            given, known_as = self._found(privileged, agent_timeout)
+            known_as = known_as or resolve(given, self.name, None)[0]
+            policy = self._as_agent(given, known_as)
+            self._privileged = Privileged.of(known_as, policy, given, agent_id)
         self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._clipped = self._scores = 0
         self._at_once = _MOST_AT_ONCE
@@ -324,6 +329,17 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             self._has_masks,
         )
 
+    def _found(self, agent: Any, timeout_s: float) -> tuple[Any, str]:
+        """Return the agent that a user's description means, and its name, empty if it has none."""
+        place = place_of(agent)
+        if place is not None:
+            remote = self._reached(place, timeout_s)
+            return remote, remote.name
+        if isinstance(agent, str | Path):
+            file = find_agent_file(agent)
+            return self._load(file), file.stem
+        return agent, ""
+
     def _reached(self, place: Address | Program, timeout_s: float) -> RemoteAgent:
         if self._vec_normalize:
             raise UserError(
@@ -345,11 +361,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             environment=spec.factory.name,
         )
 
-    def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
+    def _as_agent(
+        self, given: Any, name: str | None = None
+    ) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
         return agent_of(
             given,
             self._interface,
-            self.agent_name,
+            self.agent_name if name is None else name,
             normalisation=self._vec_normalize,
             deterministic=self._deterministic,
         )
@@ -365,9 +383,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
 
     def close(self) -> None:
-        """End an agent's process, if it has one of its own."""
-        if isinstance(self.policy, RemoteAgent):
-            self.policy.close()
+        """End the processes of agents that have one of their own."""
+        policies = [self.policy, *([] if self._privileged is None else [self._privileged.policy])]
+        for policy in policies:
+            if isinstance(policy, RemoteAgent):
+                policy.close()
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -379,6 +399,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "valid": None if self._valid is None else code_name(self._valid),
             "feasible": self._feasible.settings or None,
             "timeout": None if self._timeout is None else float(self._timeout),
+            "privileged": None if self._privileged is None else self._privileged.key,
         }
         return {
             **{key: value for key, value in edges.items() if value is not None},
@@ -403,6 +424,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "valid": self._valid,
             **{f"feasible {i}": condition for i, condition in enumerate(self._feasible.functions)},
             **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},
+            "privileged agent": None if self._privileged is None else self._privileged.unknown,
         }
         return {role: function for role, function in functions.items() if function is not None}
 
@@ -470,7 +492,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def _play_some(self, mu: Mu, seeds: Sequence[int]) -> list[tuple[float, dict[str, Any]]]:
         """Play the first of some worlds, at least one, as many as fit the memory at once."""
         played = []
-        for together in self._ended(mu, seeds):
+        for together in self._ended(mu, seeds, self.policy):
             broken = next((episode.broken for episode in together if episode.broken), "")
             score = float(np.mean([episode.score for episode in together]))
             extra = {
@@ -483,12 +505,14 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             played.append((0.0 if broken and self._on_error == "fooled" else score, extra))
         return played
 
-    def _ended(self, mu: Mu, seeds: Sequence[int]) -> list[list[RunningEpisode]]:
+    def _ended(
+        self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
+    ) -> list[list[RunningEpisode]]:
         """Play the episodes of the first of some worlds, at least one, to their ends."""
         count = self._episode_count
         starts = self._starts(mu[: self._at_once], seeds[: self._at_once])
         with closing(GymnasiumEpisodes(self.episode_spec, starts, together=count)) as episodes:
-            self.play(episodes)
+            play(policy, episodes)
             running = episodes.running
         if len(running) < len(starts):  # memory that was freed may not be seen the next time
             self._at_once = len(running) // count
@@ -497,17 +521,44 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
         """Play n worlds, (n, d), again, and say when their episodes ended, and how."""
         batch = self.parameters.validate(mu)
-        checked = validate_seeds(seeds, len(batch))
-        permitted = self.permits(batch)
-        left = [i for i in range(len(batch)) if permitted is None or permitted[i]]
         found = [Behaviour(INFEASIBLE)] * len(batch)
-        with isolated_rng(self):
-            while left:
-                worlds = self._ended(batch[left], [checked[i] for i in left])
-                for i, episodes in zip(left, worlds, strict=False):
-                    found[i] = behaviour(episodes, self.fooling_threshold)
-                left = left[len(worlds) :]
+        for i, episodes in self._all_ended(batch, validate_seeds(seeds, len(batch)), self.policy):
+            found[i] = behaviour(episodes, self.fooling_threshold)
         return tuple(found)
+
+    def privileged_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Floats | None:
+        """Score the privileged agent, (n,); 0 where a world cannot be computed. None without one.
+
+        Raises:
+            ValueError: If mu or the seeds are not what `evaluate` takes, or the privileged agent
+                answers differently when it is asked twice.
+        """
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        if self._privileged is None:
+            return None
+        policy, scores = self._privileged.policy, np.zeros(len(batch))
+        for i, episodes in self._all_ended(batch, checked, policy):
+            score = float(np.mean([episode.score for episode in episodes]))
+            scores[i] = 0.0 if np.isnan(score) else score
+        for i in range(min(len(batch), _TRIED)):
+            for _, episodes in self._all_ended(batch[i : i + 1], checked[i : i + 1], policy):
+                again = float(np.nan_to_num(np.mean([episode.score for episode in episodes])))
+                answers = ([{"score": float(scores[i])}], [{"score": again}])
+                check_deterministic(self._privileged.name, *answers, checked[i : i + 1])
+        return scores
+
+    def _all_ended(
+        self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
+    ) -> Iterator[tuple[int, list[RunningEpisode]]]:
+        """Play all worlds that are feasible to their ends; yield their places and episodes."""
+        permitted = self.permits(mu)
+        left = [i for i in range(len(mu)) if permitted is None or permitted[i]]
+        while left:
+            with isolated_rng(self):
+                worlds = self._ended(mu[left], [seeds[i] for i in left], policy)
+            yield from zip(left, worlds, strict=False)
+            left = left[len(worlds) :]
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
         """Play worlds together and then alone, before the first score counts."""

@@ -57,6 +57,7 @@ _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
     "max_steps": "a whole number",
     "agent": "a text in quotes, or a command as an array of texts",
+    "privileged": "a text in quotes, or a command as an array of texts",
     "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
 }
@@ -99,7 +100,8 @@ def application_of(table: Mapping[str, Any], path: Path) -> GymnasiumApplication
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
     _check_values(table, path)
     _check_types(table, keys, path)
-    arguments = {**table, "agent": _agent(table["agent"], path)}
+    agents = {key: table[key] for key in ("agent", "privileged") if key in table}
+    arguments = {**table, **{key: _agent(given, path, key) for key, given in agents.items()}}
     if "valid" in table:
         arguments["valid"] = _imported(table["valid"], path, "valid", "module:function")
     arguments["parameters"] = {
@@ -116,6 +118,7 @@ def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     hints = {
         **get_type_hints(constructor, localns=_NAMES),
         "agent": str | list[str],
+        "privileged": str | list[str],
         "valid": str,
         "feasible": str | list[str],
     }
@@ -203,14 +206,14 @@ def _check_types(
             )
 
 
-def _agent(text: str | list[Any], path: Path) -> Any:
+def _agent(text: str | list[Any], path: Path, key: str) -> Any:
     place = place_of(text, path.parent)
     if place is not None or isinstance(text, list):
         return place
     file = path.parent / os.path.expanduser(text)
     if file.suffix.lower() in SUFFIXES or ":" not in text:
         return file
-    return _imported(text, path, "agent", "an agent's file or module:object")
+    return _imported(text, path, key, "an agent's file or module:object")
 
 
 def _imported(text: str, path: Path, key: str, expected: str) -> Any:
