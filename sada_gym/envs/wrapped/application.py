@@ -48,11 +48,13 @@ from sada_gym.envs.wrapped.episodes import (
     EpisodeStart,
     GymnasiumEpisodes,
     RunningEpisode,
+    make_world,
+    reset_arguments,
 )
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.privileged import Privileged
-from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
+from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
 from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
@@ -453,6 +455,31 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     ) -> GymnasiumEpisodes:
         """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row."""
         return GymnasiumEpisodes(self.episode_spec, self._starts(mu, seeds), pictures=pictures)
+
+    def world(
+        self,
+        mu: npt.ArrayLike | None,
+        seed: int,
+        *,
+        options: Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
+    ) -> tuple[gym.Env[Any, Any], dict[str, Any]]:
+        """Make the environment of an evaluation's first episode, without an agent, to train in.
+
+        Its reset and its steps raise `InvalidWorld` where the world breaks. `mu`, (d,), None sets
+        no parameter: the environment is as it is. `options` are your own for its reset.
+
+        Returns:
+            The environment, and the keywords for its `reset`, without which it is another world.
+        """
+        spec = replace(self.episode_spec, score=Length(1))  # one that keeps no observations
+        if mu is None:
+            spec, values = replace(spec, bindings={}), {}
+        else:
+            row, seed = validate_world(self.parameters, mu, seed)
+            (values,) = self._values(row)
+        start = EpisodeStart(values, seed, 0)
+        return make_world(spec, start, render_mode), reset_arguments(spec, start, options)
 
     def _starts(self, mu: Mu, seeds: Sequence[int]) -> list[EpisodeStart]:
         starts = []

@@ -213,15 +213,9 @@ class RunningEpisode:
             raise
 
     def _begin(self, render_mode: str | None) -> None:
-        spec, start = self._spec, self.start
-        self.env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
-        self._recorder = _Recorder(self.env, spec, start)
+        self.env, self._recorder = _make(self._spec, self.start, render_mode)
         self.rewards = self._recorder.rewards
-        self.env = _disturbed(self._recorder, spec, start)
-        seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
-        self.observation, _ = self.env.reset(
-            seed=seed, options=_set_by(ResetOption, spec, start) or None
-        )
+        self.observation, _ = self.env.reset(**reset_arguments(self._spec, self.start))
 
     def step(self, action: Any) -> None:
         """Let one action of the agent act."""
@@ -431,6 +425,37 @@ def resident_bytes() -> int:
             return int(file.read().split()[1]) * _PAGE_BYTES
     except OSError:
         return 0
+
+
+def make_world(
+    spec: EpisodeSpec, start: EpisodeStart, render_mode: str | None
+) -> gym.Env[Any, Any]:
+    """Make the environment of an episode, which `reset_arguments` begin; no agent is in it.
+
+    Its reset and its steps raise `InvalidWorld` where the world breaks.
+    """
+    return _make(spec, start, render_mode)[0]
+
+
+def reset_arguments(
+    spec: EpisodeSpec, start: EpisodeStart, options: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return what the reset of an episode's environment takes; `options` are a user's own."""
+    seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
+    own = _set_by(ResetOption, spec, start)
+    return {"seed": seed, "options": {**(options or {}), **own} if own else options}
+
+
+def _make(
+    spec: EpisodeSpec, start: EpisodeStart, render_mode: str | None
+) -> tuple[gym.Env[Any, Any], _Recorder]:
+    env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
+    recorder = _Recorder(env, spec, start)
+    try:
+        return _disturbed(recorder, spec, start), recorder
+    except BaseException:
+        env.close()
+        raise
 
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:

@@ -69,7 +69,7 @@ _NAMES = {"VecNormalize": object}
 """Names that only type checkers load."""
 
 
-def read_application(path: str | Path) -> GymnasiumApplication:
+def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplication:
     """Read a TOML file that describes an application.
 
     Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
@@ -78,6 +78,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
 
     Args:
         path: The TOML file.
+        agent: What takes the place of the file's agent, which is not looked at then.
 
     Raises:
         FileError: If the file is missing or no TOML.
@@ -85,16 +86,23 @@ def read_application(path: str | Path) -> GymnasiumApplication:
             raises it.
     """
     path = as_path(path, "a TOML file")
-    return application_of(read_toml(path), path)
+    return application_of(read_toml(path), path, agent=agent)
 
 
-def application_of(table: Mapping[str, Any], path: Path) -> GymnasiumApplication:
+def application_of(
+    table: Mapping[str, Any], path: Path, *, agent: Any = None
+) -> GymnasiumApplication:
     """Make the application that the table of a TOML file describes, see `read_application`.
 
     Paths in the table are relative to the folder of `path`, which need not exist.
     """
     keys, required = application_keys()
     check_known(f"key in {path}", table, [*keys])
+    if agent is not None:  # statistics beside the file's agent are not this one's
+        table = {
+            key: value for key, value in table.items() if key not in ("agent", "vec_normalize")
+        }
+        required = [key for key in required if key != "agent"]
     missing = [key for key in required if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
@@ -102,6 +110,8 @@ def application_of(table: Mapping[str, Any], path: Path) -> GymnasiumApplication
     _check_types(table, keys, path)
     agents = {key: table[key] for key in ("agent", "privileged") if key in table}
     arguments = {**table, **{key: _agent(given, path, key) for key, given in agents.items()}}
+    if agent is not None:
+        arguments["agent"] = agent
     if "valid" in table:
         arguments["valid"] = _imported(table["valid"], path, "valid", "module:function")
     arguments["parameters"] = {
