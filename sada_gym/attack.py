@@ -14,6 +14,7 @@ from sada_gym.application import Application
 from sada_gym.diagnosis.record import Diagnosis, read_diagnosis, write_diagnosis
 from sada_gym.diagnosis.run import diagnose_run
 from sada_gym.diagnosis.summary import rows as weakness_rows
+from sada_gym.diagnosis.telling import tell
 from sada_gym.errors import FileError, check_integer, check_keywords
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
@@ -208,6 +209,11 @@ def attack(
             seeds=confirm,
             on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
         )
+        if diagnosis is not None:
+            known = queries + test_samples
+            diagnosis, before = tell(diagnosis, opened.application, known, failures), diagnosis
+            if diagnosis != before:
+                write_diagnosis(folder, diagnosis)
         drawn: tuple[Path, ...] = ()
         if pictures:
             drawn = draw_missing(

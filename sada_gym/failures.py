@@ -27,6 +27,8 @@ from sada_gym.parameters import Mu
 FAILURES_FILE = "failures.json"
 MOST_SEEDS = 1_000
 _MOST_LISTED = 1_000
+_LARGE = 0.1
+"""A group of failures is large if it holds this share of them."""
 _PLAYED, _FEWEST_PLAYED, _PLAYED_SHARE = 10, 3, 0.02
 """Failures that are played again to see what the agent does: at most so many, and this share of
 the run's evaluations."""
@@ -53,6 +55,11 @@ class Failure(Strict):
     fooled_seeds: int | None = None
     valid_seeds: int | None = None
     behaviour: OneLine | None = None
+
+    @property
+    def fails_again(self) -> bool:
+        """Whether it fooled with more than half of its valid fresh seeds."""
+        return 2 * (self.fooled_seeds or 0) > (self.valid_seeds or 0)
 
 
 class FailureGroup(Strict):
@@ -97,10 +104,12 @@ class Failures(Strict):
         """Yield the name and the text of each finding, as the summary of a run has them."""
         if self.behaviours is not None:
             yield "what it does", self.behaviours.sentence
-        sizes = [f"{group.failures:,}" for group in self.groups]
-        if len(sizes) > 1:
-            listed = ", ".join(sizes[:4]) + (", ..." if len(sizes) > 4 else "")
-            yield "distinct failures", f"{len(sizes)} groups, of {listed} samples"
+        sizes = [group.failures for group in self.groups]
+        if sizes[0] < _LARGE * sum(sizes):
+            yield "distinct failures", f"{len(sizes):,} of {sum(sizes):,}, in no large groups"
+        elif len(sizes) > 1:
+            listed = ", ".join(map(str, sizes[:4])) + (", ..." if len(sizes) > 4 else "")
+            yield "distinct failures", f"{len(sizes):,} groups, of {listed} samples"
         if self.confirmed is not None and self.confirmed_afr is not None:
             again = f"{self.confirmed.fooled} of {self.confirmed.samples} failures fail again"
             on = "a fresh seed" if self.seeds == 1 else f"most of {self.seeds} fresh seeds"

@@ -25,6 +25,9 @@ def diagnose(
         minimum=0,
         shown="5 % of the run's budget, at most 200",
     ),
+    confirm: int = option(
+        0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
+    ),
     workers: int = workers_option(1),
     application: str | None = option(
         None,
@@ -44,7 +47,12 @@ def diagnose(
 
         with scores_progress() as progress:
             diagnosis = find(
-                run, fresh=fresh, application=application, workers=workers, on_scores=progress
+                run,
+                fresh=fresh,
+                confirm=confirm,
+                application=application,
+                workers=workers,
+                on_scores=progress,
             )
     if as_json:
         print_json(diagnosis)

@@ -11,6 +11,7 @@ from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.record import Diagnosis, write_diagnosis
+from sada_gym.diagnosis.telling import tell
 from sada_gym.errors import FileError, UserError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.store import EvaluationStore
@@ -18,6 +19,7 @@ from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
 from sada_gym.experiment.finished import check_samples, open_target, read_run
 from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.failures import check_seeds, list_failures
 from sada_gym.files import as_path, read_model
 from sada_gym.parameters import Mu
 
@@ -34,6 +36,7 @@ def diagnose(
     run: str | Path,
     *,
     fresh: int | None = None,
+    confirm: int = 0,
     application: Application | str | None = None,
     workers: int = 1,
     on_scores: OnScores = lambda *_: None,
@@ -49,6 +52,8 @@ def diagnose(
         run: The folder that `attack` wrote.
         fresh: The most fresh evaluations; None takes 5 % of the run's budget, at most 200. With 0
             no rates inside and outside are known.
+        confirm: Tries each failure among the samples again on so many fresh seeds, see
+            `sada_gym.failures`.
         application: What the run attacked, where it cannot say it, see `replay`.
         workers: 1 evaluates in this process, more in as many others.
         on_scores: See `OnScores`.
@@ -60,6 +65,7 @@ def diagnose(
     settings, samples = read_run(folder)
     if fresh is not None:
         check_integer("fresh", fresh, 0, 100_000)
+    check_seeds(confirm, "confirm")
     call = f"sada_gym.diagnosis.diagnose({str(folder)!r}, application=YOURS)"
     with open_target(settings, folder, application, call=call, workers=workers) as opened:
         check_samples(samples, opened)
@@ -75,6 +81,10 @@ def diagnose(
             fresh=fresh,
             on_scores=on_scores,
         )
+        failures = list_failures(
+            opened, settings, samples, folder, seeds=confirm, on_scores=on_scores
+        )
+        diagnosis = tell(diagnosis, opened.application, queries + samples, failures)
     write_diagnosis(folder, diagnosis)
     return diagnosis
 

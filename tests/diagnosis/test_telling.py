@@ -1,0 +1,52 @@
+"""Weaknesses say what the agent does in them, and how many of their failures are confirmed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sada_gym import make_application
+from sada_gym.attack import attack
+from sada_gym.diagnosis import diagnose
+from sada_gym.diagnosis.record import read_diagnosis
+from sada_gym.diagnosis.rules import holds
+
+ANALYTIC = {"regions": 1, "volume": 0.2, "noise": 0.05}
+
+
+def run(folder: Path, **options: Any) -> Any:
+    given = {"budget": 1_000, "samples": 100, "env_kwargs": ANALYTIC, "pictures": False, **options}
+    return attack("SADA-Analytic-v0", "random", out=folder, **given)
+
+
+def test_a_weakness_tells_what_happens_in_it_and_what_is_confirmed(tmp_path: Path) -> None:
+    result = run(tmp_path / "run", confirm=3)
+    (weakness, *_) = result.diagnosis.weaknesses
+    assert "in region 0 in" in weakness.behaviour
+    space = make_application("SADA-Analytic-v0", **ANALYTIC).parameters
+    mu = np.array([failure.mu for failure in result.failures.failures], np.float32)
+    inside = holds(weakness.conditions, space, mu)
+    again = [2 * failure.fooled_seeds > 3 for failure in result.failures.failures]
+    assert weakness.confirmed.samples == inside.sum()
+    assert weakness.confirmed.fooled == np.sum(inside & np.array(again))
+    assert read_diagnosis(tmp_path / "run") == result.diagnosis
+
+
+def test_a_finished_run_gets_them_later_and_plays_nothing_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run(tmp_path / "run")
+    assert first.diagnosis.weaknesses[0].confirmed is None
+    assert diagnose(tmp_path / "run", confirm=2).weaknesses[0].confirmed is not None
+
+    def fail(*_: Any) -> Any:
+        raise AssertionError("nothing is to be played")
+
+    monkeypatch.setattr("sada_gym.failures.play_again", fail)
+    monkeypatch.setattr("sada_gym.diagnosis.telling.play_again", fail)
+    again = run(tmp_path / "run", resume=True)
+    assert again.diagnosis == read_diagnosis(tmp_path / "run")
+    assert again.diagnosis.weaknesses[0].confirmed is not None
