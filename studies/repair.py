@@ -110,7 +110,7 @@ class Lander(Subject):
     """PPO on LunarLander-v3, trained without wind, as in `examples/lunar_lander.py`."""
 
     name, suffix = "lander", ".zip"
-    effort = Effort(steps=500_000, nominal=200, uniform=1_000, budget=1_000, samples=100)
+    effort = Effort(steps=300_000, nominal=200, uniform=1_000, budget=1_000, samples=100)
     base_steps = 1_000_000
     envs = 16
 
@@ -173,7 +173,7 @@ class Robot(Subject):
     """The shipped `ppo`, which was trained in the middle of all ranges."""
 
     name = "robot"
-    effort = Effort(steps=500_000, nominal=100, uniform=1_000, budget=1_000, samples=100)
+    effort = Effort(steps=400_000, nominal=100, uniform=1_000, budget=1_000, samples=100)
     envs = 64
 
     def application(self, agent: Any) -> RobotApplication:
@@ -212,7 +212,7 @@ class Driver(Subject):
     """The shipped `cil` in the task `one_curve`; an expert shows it other worlds."""
 
     name = "driver"
-    effort = Effort(steps=16_000, nominal=40, uniform=500, budget=400, samples=100)
+    effort = Effort(steps=16_000, nominal=40, uniform=400, budget=300, samples=100)
     rounds = 4
 
     def application(self, agent: Any) -> DrivingApplication:
