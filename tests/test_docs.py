@@ -35,7 +35,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 NOT_RUN = "<!-- not run:"
 OPTIONAL = "rl_zoo3"
 """What a page may run though no extra brings it."""
-PACKAGES = {"compare_optimisers": ("optuna", "cmaes")}
+PACKAGES = {"compare_optimisers": ("optuna", "cmaes"), "mend_lunar_lander": ("Box2D",)}
 """What an example needs of the extra `examples`; without it the example is not run."""
 
 SMALLER = (
@@ -53,6 +53,12 @@ SMALLER = (
         r"num_envs=4))\1\2.learn(128)",
     ),
     (r"\bTRAINING_STEPS = [\d_]+", "TRAINING_STEPS = 64"),
+    (r"\bBUDGET = 1_000\b", "BUDGET = 40"),
+    (
+        r"(\"level-set\", budget=BUDGET)\b",
+        r"\1, samples=8, pictures=False, options={'rounds': 1, 'models': ['trees']}",
+    ),
+    (r"\bn_steps=(64|128),", "n_steps=4,"),
     (r"\bn_envs=\d+", "n_envs=1"),
     (r"\.learn\((60|100)_000\)", ".learn(64)"),
     (

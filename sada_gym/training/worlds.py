@@ -67,11 +67,12 @@ class NoAgent:
         self.start(0)
 
 
-class GymnasiumWorlds(gym.Wrapper[Any, Any, Any, Any]):
+class GymnasiumWorlds(gym.Env[Any, Any]):
     """Any Gymnasium environment, fresh in each episode, with its parameters and disturbances set.
 
     An episode is played in exactly the world of an evaluation with the same mu and seed. Where a
     world breaks in mid-episode, the episode is truncated, and its last info says why as `invalid`.
+    Its disturbances belong to the world: nobody sees them as wrappers that an agent would need.
 
     Args:
         application: Says what mu sets; its agent does not matter.
@@ -86,19 +87,39 @@ class GymnasiumWorlds(gym.Wrapper[Any, Any, Any, Any]):
         self.space = WorldSpace(
             bare.name, bare.parameters, bare.nominal, bare.density, bare.permits
         )
-        self._mode = render_mode
+        self.render_mode = render_mode
+        self.observation_space = bare.episode_spec.observation_space
+        self.action_space = bare.episode_spec.action_space
         self._mu: Floats32 | None = None
         self._last: Any = None
-        super().__init__(bare.world(None, 0, render_mode=render_mode)[0])
+        self._episode = self._as_it_is()
+        self.metadata = self._episode.metadata
+
+    def _as_it_is(self) -> gym.Env[Any, Any]:
+        return self._application.world(None, 0, render_mode=self.render_mode)[0]
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the episode, which lives in its process."""
-        return {**self.__dict__, "env": None, "_last": None}
+        return {**self.__dict__, "_episode": None, "_last": None}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Wait for a reset."""
         self.__dict__.update(state)
-        self.env = self._application.world(None, 0, render_mode=self._mode)[0]
+        self._episode = self._as_it_is()
+
+    @property
+    def unwrapped(self) -> gym.Env[Any, Any]:
+        """The environment that was made, without wrappers and disturbances."""
+        return self._episode.unwrapped
+
+    def has_wrapper_attr(self, name: str) -> bool:
+        """Say whether it or the environment has an attribute, such as `action_masks`."""
+        return super().has_wrapper_attr(name) or self._episode.has_wrapper_attr(name)
+
+    def get_wrapper_attr(self, name: str) -> Any:
+        """Return an attribute, its own or the environment's."""
+        own = super().has_wrapper_attr(name)
+        return super().get_wrapper_attr(name) if own else self._episode.get_wrapper_attr(name)
 
     def set_mu(self, mu: Floats32 | None) -> None:
         """Set the world, see `Worlds`."""
@@ -112,17 +133,25 @@ class GymnasiumWorlds(gym.Wrapper[Any, Any, Any, Any]):
         The seed is an evaluation's, below 2**31; None draws one.
         """
         seed = int(np.random.SeedSequence().generate_state(1)[0]) >> 1 if seed is None else seed
-        self.env.close()
-        self.env, arguments = self._application.world(
-            self._mu, seed, options=options, render_mode=self._mode
+        self._episode.close()
+        self._episode, arguments = self._application.world(
+            self._mu, seed, options=options, render_mode=self.render_mode
         )
-        self._last, info = self.env.reset(**arguments)
+        self._last, info = self._episode.reset(**arguments)
         return self._last, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take an action."""
         try:
-            self._last, reward, terminated, truncated, info = self.env.step(action)
+            self._last, reward, terminated, truncated, info = self._episode.step(action)
         except InvalidWorld as error:
             return self._last, 0.0, False, True, {"invalid": error.reason}
         return self._last, float(reward), bool(terminated), bool(truncated), info
+
+    def render(self) -> Any:
+        """Draw a frame as the environment does."""
+        return self._episode.render()
+
+    def close(self) -> None:
+        """Close the environment; doing it again is fine."""
+        self._episode.close()

@@ -360,6 +360,25 @@ def test_a_script_trains_in_processes_and_gets_new_sources(toml, run):
             env.close()
 
 
+def test_a_model_that_learns_in_worlds_can_be_attacked_as_it_is():
+    """Noise and delay are parts of a world, and no wrappers of the agent."""
+    application = pole(
+        parameters={"gravity": (5.0, 20.0), "delay": ObservationDelay(0, 3)}, agent_id=None
+    )
+    with one_thread():
+        env = make_vec_env(lambda: FailureCurriculum(application), n_envs=2)
+        model = PPO("MlpPolicy", env, n_steps=8, n_epochs=1, device="cpu")
+        env.reset()
+        attacked = GymnasiumApplication(
+            "CartPole-v1",
+            agent=model,
+            parameters={"gravity": (5.0, 20.0), "delay": ObservationDelay(0, 3)},
+            score=("length", 60),
+            fooling_threshold=0.5,
+        )
+        assert len(attacked.evaluate(np.zeros((2, 2)), [0, 1]).score) == 2
+
+
 def test_dictionaries_options_and_own_wrappers_are_kept():
     env = FailureCurriculum(
         GymnasiumApplication(

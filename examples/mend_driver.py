@@ -1,0 +1,49 @@
+"""Find the cameras and weathers that the shipped driver fails with, and train it on there.
+
+    python examples/mend_driver.py
+
+It takes some minutes. The episodes go on in lockstep, which is faster than `FailureCurriculum` many
+times.
+"""
+
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from sada_gym import agents
+from sada_gym.attack import attack
+from sada_gym.determinism import one_thread
+from sada_gym.envs.driving.agent.network import new_model
+from sada_gym.training import curriculum_vec_env
+
+TRACK = "SADA-Driving-Straight-v0"
+BUDGET = 1_000
+TRAINING_STEPS = 40_000
+FOLDER = "runs/mend-driver"
+
+
+def main() -> None:
+    """Attack the shipped `ppo`, train it on, attack it again."""
+    given = {"env_kwargs": {"agent": "ppo"}, "out": f"{FOLDER}/before"}
+    first = attack(TRACK, "level-set", budget=BUDGET, resume=True, **given)
+
+    env = curriculum_vec_env(TRACK, first.folder, num_envs=16)
+    with one_thread():
+        driver = new_model(
+            0,
+            VecNormalize(VecMonitor(env), norm_obs=False, gamma=0.97),
+            n_steps=128,
+            batch_size=256,
+            learning_rate=5e-5,
+            gamma=0.97,
+            target_kl=0.03,
+        )
+        driver.policy.load_state_dict(agents.load("ppo", "SADA-Driving").policy.state_dict())
+        driver.learn(TRAINING_STEPS)
+
+    given = {"env_kwargs": {"agent": driver}, "out": f"{FOLDER}/after"}
+    second = attack(TRACK, "level-set", budget=BUDGET, resume=True, **given)
+    for name, result in (("ppo", first), ("the mended driver", second)):
+        print(f"{result.report.afr:.0%} of the new worlds fool {name}")
+
+
+if __name__ == "__main__":
+    main()
