@@ -41,7 +41,9 @@ from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.failures import Failures, check_seeds, list_failures
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
+from sada_gym.frames import Frame
 from sada_gym.ids import names_file
+from sada_gym.report.make import REPORT_FILE, report_attack
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
@@ -56,6 +58,7 @@ class AttackResult:
         queries: The training queries (Omega).
         diagnosis: The weaknesses, as in diagnosis.json; None with `diagnose=False`.
         failures: The failures among the samples, as in failures.json; None where none fooled.
+        html: report.html; None where it was not asked for.
         was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
 
@@ -67,13 +70,14 @@ class AttackResult:
     was_finished: bool = False
     failures: Failures | None = None
     diagnosis: Diagnosis | None = None
+    html: Path | None = None
 
     def __repr__(self) -> str:
         """Write the summary: how often the agent failed, where, and by which files."""
         return summary(
             self.report,
             self.folder,
-            self.pictures,
+            self.files,
             self.further_rows(),
             where=self.where_rows(),
         )
@@ -81,6 +85,11 @@ class AttackResult:
     def where_rows(self) -> tuple[tuple[str, str], ...]:
         """Return the names and texts of the weaknesses; none where none was found."""
         return () if self.diagnosis is None else tuple(weakness_rows(self.diagnosis))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The report and the pictures."""
+        return (*(() if self.html is None else (self.html,)), *self.pictures)
 
     def further_rows(self) -> tuple[tuple[str, str], ...]:
         """Return the names and texts of findings that are not in the report."""
@@ -105,6 +114,7 @@ def attack(
     diagnose: bool = True,
     confirm: int = 0,
     pictures: bool = True,
+    html: bool = True,
     progress: bool = True,
     on_progress: OnProgress | None = None,
 ) -> AttackResult:
@@ -117,7 +127,7 @@ def attack(
     Args:
         environment: An environment's id, the path of a TOML file, or an `Application`.
         adversary: An adversary's name, or its class.
-        out: The folder for the results: result.json, samples.npz, adversary/, pictures, run.sqlite.
+        out: The folder for the results: result.json, report.html, worlds.csv and so on.
         env_kwargs: Keywords of the environment's id.
         budget: Number of training queries.
         samples: Number of test samples, M in the paper; None takes the application's own number.
@@ -134,6 +144,7 @@ def attack(
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
             many more evaluations; see `sada_gym.failures`.
         pictures: Whether to draw pictures.
+        html: Whether to write report.html, if pictures are drawn.
         progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every
             half minute. With `on_progress` nothing is shown.
         on_progress: Called at the start of each stage, and after each committed chunk, step of
@@ -215,12 +226,31 @@ def attack(
             if diagnosis != before:
                 write_diagnosis(folder, diagnosis)
         drawn: tuple[Path, ...] = ()
+        frames: dict[int, Frame] = {}
         if pictures:
             drawn = draw_missing(
-                opened.application, *outcome, folder, report_progress, anew=not was_finished
+                opened.application,
+                *outcome,
+                folder,
+                report_progress,
+                anew=not was_finished,
+                on_frame=frames.__setitem__,
+            )
+        made: Path | None = folder / REPORT_FILE
+        if not (was_finished and (folder / REPORT_FILE).is_file()):
+            has_id = isinstance(environment, str) and not names_file(environment)
+            made = report_attack(
+                opened.application,
+                settings,
+                outcome,
+                folder,
+                env_kwargs={**(env_kwargs or {})} if has_id else None,
+                frames=frames,
+                html=pictures and html,
+                on_progress=lambda *counts: report_progress(RunProgress("pictures", *counts)),
             )
     return AttackResult(
-        report, test_samples, queries, folder, drawn, was_finished, failures, diagnosis
+        report, test_samples, queries, folder, drawn, was_finished, failures, diagnosis, made
     )
 
 

@@ -72,14 +72,15 @@ def attack(
         0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
     ),
     resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
+    no_report: bool = option(False, "Leave report.html out.", "--no-report"),
     as_json: bool = json_option("result.json"),
 ) -> None:
     """Train an adversary against an agent and measure how often its samples fool it.
 
-    DIR receives result.json (the attack fooling rate with its interval, and all settings),
-    samples.npz, diagnosis.json (the weaknesses), pictures, the trained adversary, and run.sqlite,
-    which holds every evaluation: a run that was stopped at any moment goes on with --resume and
-    ends with the same result.
+    DIR receives report.html for people, result.json (the attack fooling rate with its interval,
+    and all settings), diagnosis.json (the weaknesses), worlds.csv, samples.npz, pictures, the
+    trained adversary, and run.sqlite, which holds every evaluation: a run that was stopped at any
+    moment goes on with --resume and ends with the same result.
     """
     track = Path(env_id).stem if names_file(env_id) else env_id
     folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
@@ -125,6 +126,7 @@ def attack(
                     diagnose=diagnose,
                     confirm=confirm,
                     resume=resume,
+                    html=not no_report,
                     on_progress=progress,
                 )
         except KeyboardInterrupt as stop:
@@ -172,4 +174,4 @@ def _show_result(result: AttackResult) -> None:
             "not dim bold" if name in (AFR, "where") or name.startswith("weakness") else "not dim",
         )
         out.print(line, soft_wrap=True)
-    say(results_line(result.folder, result.pictures))
+    say(results_line(result.folder, result.files))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from sada_gym.application import Application
     from sada_gym.evaluations import Evaluations
     from sada_gym.experiment.record import RunReport
+    from sada_gym.frames import Frame
 
 _UNFINISHED = ".pictures.tmp"
 
@@ -26,10 +28,12 @@ def draw_missing(
     on_progress: OnProgress,
     *,
     anew: bool = False,
+    on_frame: Callable[[int, Frame], None] = lambda sample, frame: None,  # noqa: ARG005
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into its folder, and return their files.
 
     Those that are there already are returned as they are, unless all are to be drawn anew.
+    `on_frame` gets the frames of the sheet of failures, with the samples' rows.
     """
     known, beside = tuple(sorted(folder.glob("*.png"))), folder / _UNFINISHED
     are_whole = not beside.exists() and all(path.stat().st_size for path in known)
@@ -47,6 +51,7 @@ def draw_missing(
             beside,
             headline=report.where.sentence,
             on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
+            on_frame=on_frame,
         )
         sync(beside)
     except BaseException:

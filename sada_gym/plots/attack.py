@@ -54,6 +54,7 @@ def draw_attack(
     *,
     headline: str = "",
     on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
+    on_frame: Callable[[int, Frame], None] = lambda sample, frame: None,  # noqa: ARG005
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder, and return the PNG files written.
 
@@ -61,7 +62,7 @@ def draw_attack(
     frames, where its drawing fails, or where no sample fooled the agent; the curves of P(failure)
     where there are too few worlds; the map of queries (Omega) and samples is drawn in two
     dimensions only. `on_progress` is called after each frame with the
-    numbers of frames drawn and of all frames.
+    numbers of frames drawn and of all frames, and `on_frame` with the sample's row and the frame.
     """
     space, threshold = application.parameters, application.fooling_threshold
     figures = {
@@ -79,7 +80,7 @@ def draw_attack(
     names = [*figures]
     if samples.fooled(threshold).any():
         try:
-            sheet = draw_failures(application, samples, headline, on_progress)
+            sheet = draw_failures(application, samples, headline, on_progress, on_frame)
         except NotDrawnError as error:
             warnings.warn(f"No frames are drawn{error}", stacklevel=2)
         else:

@@ -29,11 +29,12 @@ def draw_failures(
     samples: Evaluations,
     headline: str,
     on_progress: Callable[[int, int], None],
+    on_frame: Callable[[int, Frame], None] = lambda sample, frame: None,  # noqa: ARG005
 ) -> Image.Image:
     """Draw the worst, typical and diverse failures: the first alone, all others in one batch.
 
     Some of the samples fool the agent. `on_progress` is called after each frame with the numbers of
-    frames drawn and of all frames.
+    frames drawn and of all frames, and `on_frame` with the sample's row and the frame.
 
     Raises:
         NotDrawnError: If the application draws no frames, or its drawing fails.
@@ -45,8 +46,10 @@ def draw_failures(
         rows = [failure.sample for failure in shown]
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
-            for frame, _ in zip(drawn, rows, strict=True):
-                yield validate_frame(frame, source)
+            for given, row in zip(drawn, rows, strict=True):
+                frame = validate_frame(given, source)
+                on_frame(row, frame)
+                yield frame
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result

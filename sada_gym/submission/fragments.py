@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +11,10 @@ from pydantic import ValidationError
 from sada_gym import agents
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
+from sada_gym.experiment.command import attack_command
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
-from sada_gym.experiment.record import Experiment, RunReport, RunSettings
+from sada_gym.experiment.record import Experiment, RunReport
 from sada_gym.experiment.target import Target
 from sada_gym.files import first_error, read_model, shown
 from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
@@ -29,6 +28,8 @@ from sada_gym.submission.current import (
     current_experiment,
     current_target,
 )
+
+_LONGEST_COMMAND = 1_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +152,8 @@ def _read_attack(folder: Path, rule: str) -> ResultFragment:
         reason = first_error(error)
         raise UserError(f"Expected an entry to be able to hold {folder}, but {reason}.") from error
     result = EntryResult(Result.make(current, [claims]), {claims.seed: samples})
-    return ResultFragment(str(folder), result, _command(report.settings, track))
+    command = attack_command(report.settings, track)
+    return ResultFragment(str(folder), result, command if len(command) <= _LONGEST_COMMAND else "")
 
 
 def _board_track(folder: Path, target: Target) -> str:
@@ -188,17 +190,3 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
         f"{adversary.name} may spend {listed} on {target.track}: choose another --rule, or attack "
         f"again with fewer queries ({option})."
     )
-
-
-def _command(settings: RunSettings, track: str) -> str:
-    """Write the command that made a run, without --out; empty for a class without a name."""
-    experiment, adversary = settings.experiment, settings.experiment.adversary
-    words = ["sada-gym", "attack", track, "--adversary", adversary.name]
-    words += [] if adversary.preset is None else ["--preset", adversary.preset]
-    for name, value in adversary.options.items():
-        words += ["--set", f"{name}={json.dumps(value)}"]
-    words += ["--agent", experiment.target.agent] if experiment.target.agent else []
-    words += ["--budget", str(experiment.protocol.budget), "--seed", str(settings.seed)]
-    command = shlex.join(words)
-    is_named = adversary.is_ours or ":" in adversary.name
-    return command if is_named and len(command) <= 1_000 else ""

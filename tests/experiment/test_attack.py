@@ -27,10 +27,14 @@ def test_an_attack_writes_its_folder(tmp_path):
         "fooled.png",
         "influence.png",
         "marginals.png",
+        "report.html",
         "result.json",
         "run.sqlite",
         "samples.npz",
         "scores.png",
+        "thumbnails.zip",
+        "worlds.csv",
+        "worlds.json",
     ]
     stages = [stage for stage, _ in itertools.groupby(progress.stage for progress in reported)]
     first = ["train", "learn", "train", "learn", "sample", "test", "measure"]
@@ -229,14 +233,16 @@ def test_a_result_prints_as_its_summary(tmp_path):
     ]
     assert "uniform worlds        not known" in text
     assert f"novelty               median distance {result.report.novelty.median:.3f} " in text
-    assert lines[-1].startswith(f"Results: {tmp_path / 'a'}/ (result.json, marginals.png")
+    assert lines[-1].startswith(
+        f"Results: {tmp_path / 'a'}/ (result.json, report.html, marginals.png"
+    )
     assert "array(" not in text
 
 
 def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeypatch):
     asked = {}
 
-    def draw(application, samples, queries, folder, *, headline, on_progress):
+    def draw(application, samples, queries, folder, *, headline, on_progress, on_frame):
         asked["headline"] = headline
         on_progress(1, 2)
         (folder / "sheet.png").write_bytes(b"new")
@@ -244,7 +250,7 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
 
     monkeypatch.setattr("sada_gym.plots.attack.draw_attack", draw)
     reported = []
-    result = run(tmp_path, pictures=True, on_progress=reported.append)
+    result = run(tmp_path, pictures=True, html=False, on_progress=reported.append)
     assert asked["headline"] == result.report.where.sentence != ""
     assert result.pictures == (tmp_path / "sheet.png",)
     assert reported[-2:] == [RunProgress("pictures"), RunProgress("pictures", 1, 2)]

@@ -1,0 +1,66 @@
+"""`sada-gym report`: a page that shows how an agent fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from sada_gym.cli.console import (
+    err,
+    errors_as_sentences,
+    json_option,
+    option,
+    print_json,
+    say,
+)
+
+
+def report(
+    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    other: Path | None = typer.Argument(
+        None, metavar="[OTHER]", help="A second run, to show both side by side."
+    ),
+    out_file: Path | None = option(
+        None,
+        "The page to write.",
+        "--out",
+        metavar="FILE.html",
+        shown="RUN/report.html; of two, RUN/report-OTHER.html",
+    ),
+    pictures: int | None = option(
+        None, "Draw so many worlds.", minimum=0, shown="as many as an attack"
+    ),
+    application: str | None = option(
+        None,
+        "What was attacked, where a run cannot say it.",
+        metavar="ID|FILE.toml",
+        shown="what RUN names",
+    ),
+    as_json: bool = json_option(),
+) -> None:
+    """Make report.html of a run again, or a page of two runs side by side.
+
+    The page is one file that asks for nothing on the network. worlds.csv is written anew, too.
+    """
+    with errors_as_sentences():
+        from sada_gym.report.make import report as make
+
+        with err.status("Reading the runs") as status:
+
+            def progress(done: int, total: int) -> None:
+                status.update(f"Drawing worlds: {done} of {total}")
+
+            path = make(
+                run,
+                other,
+                out=out_file,
+                application=application,
+                pictures=pictures,
+                on_progress=progress,
+            )
+    size = path.stat().st_size
+    if as_json:
+        print_json({"path": path, "size": size})
+    else:
+        say(f"{path}: {size / 1e6:.2f} MB")

@@ -1,0 +1,1 @@
+"""What a run leaves for people: worlds.csv, thumbnails, and report.html."""
