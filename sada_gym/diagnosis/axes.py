@@ -16,6 +16,9 @@ from sada_gym.parameters import Parameter, ParameterSpace
 CELLS = 40
 """So many cells has a range of real numbers; of more choices or whole numbers some share a cell."""
 
+_MANY, _MOST_SHARE = 10, 0.85
+"""Of so many cells a condition names at most this share."""
+
 _MOST_UNORDERED = 64
 """Of more choices without an order no rule can be found: each would have too few worlds."""
 
@@ -136,11 +139,13 @@ class Axis:
 
     @property
     def intervals(self) -> tuple[Indices, Indices]:
-        """The first cell and the one after the last of all intervals but the whole range, (m,).
+        """The first cell and the one after the last of all intervals that a rule may name, (m,).
 
-        Those that go beyond the last cell go on at the first one.
+        Those that go beyond the last cell go on at the first one. Of many cells they leave some
+        out: a condition that hardly excludes anything is hard to read.
         """
-        return _intervals(len(self), self.cyclic)
+        g = len(self)
+        return _intervals(g, self.cyclic, g - 1 if g < _MANY else int(_MOST_SHARE * g))
 
 
 def _thinned(edges: Floats) -> Floats:
@@ -149,8 +154,8 @@ def _thinned(edges: Floats) -> Floats:
 
 
 @cache
-def _intervals(count: int, cyclic: bool) -> tuple[Indices, Indices]:
-    starts, sizes = np.meshgrid(np.arange(count), np.arange(1, count), indexing="ij")
+def _intervals(count: int, cyclic: bool, most: int) -> tuple[Indices, Indices]:
+    starts, sizes = np.meshgrid(np.arange(count), np.arange(1, most + 1), indexing="ij")
     stops = starts + sizes
     kept = np.ones(stops.shape, np.bool_) if cyclic else stops <= count
     return starts[kept], stops[kept]

@@ -21,7 +21,7 @@ A gain that is that large by chance is rejected by fresh worlds later."""
 RULE_COST = 8.0
 """What a rule more costs."""
 
-SUM_COST = 6.0
+SUM_COST = 8.0
 """What a condition on a sum of two parameters costs beyond that: it is harder to read."""
 
 OVERLAP_COST = 0.3
@@ -30,7 +30,7 @@ OVERLAP_COST = 0.3
 LEAST_LEAD = 0.2
 """A box fools at least this much more often than elsewhere."""
 
-_SWEEPS, _SPLITS, _MOST_ALONE = 5, 12, 8
+_PROMISING, _SPLITS, _MOST_ALONE = 12, 12, 8
 _RATE_ENDS = 0.003, 0.99
 _STARTS, _STEPS_AT_ONCE = (12, 60), 3e6  # boxes; worlds times dimensions times boxes
 
@@ -92,6 +92,8 @@ class Search:
     def best(self, elsewhere: float, covered: Bools) -> list[Box]:
         """Return boxes, the best first, given the rate elsewhere and the worlds explained, (n,)."""
         chosen = self._starts(covered)
+        gain = self._ascend(chosen, elsewhere, covered, sweeps=2)
+        chosen = chosen[np.argsort(-gain, kind="stable")[:_PROMISING]]
         gain = self._ascend(chosen, elsewhere, covered)
         order = np.argsort(-gain, kind="stable")
         boxes: list[Box] = []
@@ -158,7 +160,7 @@ class Search:
             first = half[self.worlds.cells[j]]
             seen[2 * row] = ~inside | first
             seen[2 * row + 1] = ~inside | ~first
-        gain = self._ascend(chosen, elsewhere, covered, seen)
+        gain = self._ascend(chosen, elsewhere, covered, seen, sweeps=2)
         halves = [self._box(row, float(one)) for row, one in zip(chosen, gain, strict=True)]
         return list(zip(halves[::2], halves[1::2], strict=True))
 
@@ -177,7 +179,12 @@ class Search:
         return list(halves)
 
     def _ascend(
-        self, chosen: Bools, elsewhere: float, covered: Bools, seen: Bools | None = None
+        self,
+        chosen: Bools,
+        elsewhere: float,
+        covered: Bools,
+        seen: Bools | None = None,
+        sweeps: int = 10,
     ) -> Floats:
         """Improve boxes, (b, d, g), in place; return their gains, (b,).
 
@@ -192,7 +199,7 @@ class Search:
         counters = {j: self._counter(j, kinds) for j in self._open}
         gain = np.full(b, -np.inf)
         loss = np.zeros((b, len(self.axes)))
-        for sweep in range(2 * _SWEEPS):
+        for sweep in range(sweeps):
             before = gain.copy()
             for j in self._rng.permutation(self._open):
                 inside = chosen[:, j, worlds.cells[j]]
@@ -215,14 +222,15 @@ class Search:
                 loss[:, j] = np.where(named, best - cost - whole, np.inf)
                 missed += inside.astype(np.int16) - chosen[:, j, worlds.cells[j]]
             many = self._number(chosen, None) > MAX_CONDITIONS
-            if sweep >= 1 and many.any():
+            if 1 <= sweep < sweeps - 1 and many.any():
                 for row in np.flatnonzero(many):
                     j = int(np.argmin(loss[row]))
                     missed[row] -= ~chosen[row, j, worlds.cells[j]]
                     chosen[row, j, : len(self.axes[j])] = True
             elif (np.abs(gain - before) < 1e-6).all():
                 break
-        gain[self._number(chosen, None) > MAX_CONDITIONS] = -np.inf
+        if sweeps > 2:
+            gain[self._number(chosen, None) > MAX_CONDITIONS] = -np.inf
         return gain
 
     def cost(self, box: Box) -> float:
@@ -338,7 +346,9 @@ def grow(
         covered = union(boxes, worlds)
         if len(boxes) == most or (worlds.fooled & ~covered).sum() < 5:
             return boxes
-        found = search.best(rate_elsewhere(worlds, uniform, boxes), covered)
+        elsewhere = rate_elsewhere(worlds, uniform, boxes)
+        # without any box that rate counts all the failures that boxes will hold
+        found = search.best(elsewhere if boxes else elsewhere / 2.0, covered)
         if not found or found[0].gain < least_gain:
             return boxes
         boxes = [*boxes, found[0]]

@@ -25,8 +25,8 @@ def details(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"{place}. {weakness.text}"
         yield f"   {_findings(weakness)}"
         yield (
-            f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known failures, "
-            f"{weakness.distinct} of them distinct"
+            f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known failures in "
+            f"{weakness.distinct:,} groups that lie apart"
         )
         if weakness.behaviour is not None:
             yield f"   {weakness.behaviour}"

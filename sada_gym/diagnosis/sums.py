@@ -26,6 +26,8 @@ def sums(space: ParameterSpace, physical: Floats, fooled: Bools, elsewhere: floa
     found: list[tuple[float, Axis]] = []
     for n, i in enumerate(plain):
         for j in plain[n + 1 :]:
+            if space.parameters[i].unit != space.parameters[j].unit:
+                continue  # metres and degrees make no sum
             tried = []
             for slope in _SLOPES:
                 axis = Axis.sum(space, i, j, slope)

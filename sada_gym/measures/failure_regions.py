@@ -31,6 +31,7 @@ _MOSTLY = 0.6
 _MIN_CELLS = 10
 _MAX_CELLS = 50
 """Of more choices in an order neighbours share a cell: all ranges are tried."""
+_MAX_UNORDERED = 1_000
 _OCTANTS = 8
 
 
@@ -154,6 +155,8 @@ def _strongest(
     best, best_ratio = None, 0.0
     for index in open_:
         parameter = space.parameters[index]
+        if len(parameter.choices) > _MAX_UNORDERED and not is_ordered(parameter):
+            continue  # each has too few failures
         grid = _grid(parameter)
         if len(grid.weights) < 2:  # a single choice
             continue

@@ -13,6 +13,7 @@ SPACE = ParameterSpace(
     Parameter("camera_azimuth_deg", -180.0, 180.0, "deg", directions=AROUND),
     Parameter("camera_pitch_deg", 0.0, 50.0, "deg"),
     Parameter("payload_kg", 0.0, 5.0, "kg"),
+    Parameter("trailer_kg", 0.0, 10.0, "kg"),
     Parameter("weather", 0.0, 4.0, choices=("sun", "rain", "fog", "snow")),
     Parameter("cars", 0.5, 10.5, whole=True),
     Parameter("friction", 0.01, 1.0, log=True),
@@ -40,8 +41,8 @@ def crowded(values):
 
 
 def slanted(values):
-    total = column(values, "camera_pitch_deg") + 10 * column(values, "payload_kg")
-    return (total > 45) & (total < 55)
+    total = column(values, "payload_kg") + 0.5 * column(values, "trailer_kg")
+    return (total > 4.5) & (total < 5.5)
 
 
 def diagnose(*planted, n=2_000, inside=0.9, elsewhere=0.02, fresh=100, seed=0, **options):
@@ -78,7 +79,7 @@ def overlap(weakness, rule):
         (steep, ["camera pitch is above 35°"]),
         (heavy_in_fog, ["payload is above 3 kg", "weather is fog"]),
         (crowded, ["cars is at least 8", "friction is below 0.1"]),
-        (slanted, ["camera pitch + 10 \N{MULTIPLICATION SIGN} payload is between"]),
+        (slanted, ["payload + 0.5 \N{MULTIPLICATION SIGN} trailer is between"]),
     ],
 )
 def test_a_planted_weakness_is_named(rule, words):
