@@ -130,10 +130,14 @@ class Lander(Subject):
         )
 
     def base(self, folder: Path) -> Path:
-        file = folder / "base.zip"
-        if not file.exists():
-            env = make_vec_env("LunarLander-v3", n_envs=self.envs, seed=0)
-            with one_thread(), generators_kept():
+        file, unfinished = folder / "base.zip", folder / "unfinished.zip"
+        if file.exists():
+            return file
+        env = make_vec_env("LunarLander-v3", n_envs=self.envs, seed=0)
+        with one_thread(), generators_kept():
+            if unfinished.exists():  # it goes on with other draws than it would have had
+                agent = PPO.load(unfinished, env=env, device="cpu")
+            else:
                 agent = PPO(
                     "MlpPolicy",
                     env,
@@ -145,8 +149,11 @@ class Lander(Subject):
                     seed=0,
                     device="cpu",
                 )
-                agent.learn(self.base_steps)
-            _save(agent.save, file)
+            while (left := self.base_steps - agent.num_timesteps) > 0:
+                agent.learn(min(left, 50_000), reset_num_timesteps=False)
+                _save(agent.save, unfinished)
+                print(f"the agent as it was: {agent.num_timesteps:,} steps", flush=True)
+        unfinished.rename(file)
         return file
 
     def repair(
