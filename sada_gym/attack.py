@@ -43,6 +43,7 @@ from sada_gym.failures import Failures, check_seeds, list_failures
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.frames import Frame
 from sada_gym.ids import names_file
+from sada_gym.parameters import ParameterSpace
 from sada_gym.report.make import REPORT_FILE, report_attack
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
@@ -59,6 +60,7 @@ class AttackResult:
         diagnosis: The weaknesses, as in diagnosis.json; None with `diagnose=False`.
         failures: The failures among the samples, as in failures.json; None where none fooled.
         html: report.html; None where it was not asked for.
+        parameters: What mu controls; the summary then has labels and units.
         was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
 
@@ -71,6 +73,7 @@ class AttackResult:
     failures: Failures | None = None
     diagnosis: Diagnosis | None = None
     html: Path | None = None
+    parameters: ParameterSpace | None = None
 
     def __repr__(self) -> str:
         """Write the summary: how often the agent failed, where, and by which files."""
@@ -80,6 +83,7 @@ class AttackResult:
             self.files,
             self.further_rows(),
             where=self.where_rows(),
+            space=self.parameters,
         )
 
     def where_rows(self) -> tuple[tuple[str, str], ...]:
@@ -220,9 +224,10 @@ def attack(
             seeds=confirm,
             on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
         )
-        if diagnosis is not None:
+        before = diagnosis
+        if before is not None:
             known = queries + test_samples
-            diagnosis, before = tell(diagnosis, opened.application, known, failures), diagnosis
+            diagnosis = tell(before, opened.application, known, failures)
             if diagnosis != before:
                 write_diagnosis(folder, diagnosis)
         drawn: tuple[Path, ...] = ()
@@ -237,7 +242,8 @@ def attack(
                 on_frame=frames.__setitem__,
             )
         made: Path | None = folder / REPORT_FILE
-        if not (was_finished and (folder / REPORT_FILE).is_file()):
+        is_made = was_finished and diagnosis == before and (folder / REPORT_FILE).is_file()
+        if not is_made:
             has_id = isinstance(environment, str) and not names_file(environment)
             made = report_attack(
                 opened.application,
@@ -250,7 +256,16 @@ def attack(
                 on_progress=lambda *counts: report_progress(RunProgress("pictures", *counts)),
             )
     return AttackResult(
-        report, test_samples, queries, folder, drawn, was_finished, failures, diagnosis, made
+        report,
+        test_samples,
+        queries,
+        folder,
+        drawn,
+        was_finished,
+        failures,
+        diagnosis,
+        made,
+        opened.parameters,
     )
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from sada_gym.densities import Density, WorldDensity
+from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import weighted_rate
 from sada_gym.parameters import Parameter, ParameterSpace
 
@@ -149,3 +150,23 @@ def test_a_rate_without_weights_or_failures():
     assert (same.rate, same.worth) == (pytest.approx(0.3), pytest.approx(100))
     one = weighted_rate([True, False], [0.0, -np.inf])
     assert one.high - one.low > 0.5
+
+
+@pytest.mark.parametrize(("sd", "worlds"), [(0.5, 200), (0.2, 800)])
+def test_intervals_of_the_failure_probability_hold_a_known_truth_as_often_as_they_say(sd, worlds):
+    application = AnalyticApplication(dimension=3, regions=2)
+    density = Density({"normal": [0.3, sd]})
+    names = application.parameters.names
+    in_use = WorldDensity(application.parameters, dict.fromkeys(names, density))
+    # of a box of the fooling set, of which each side counts by itself
+    ends = application.centres[:, None] + application.half_sides * np.array([[-1.0], [1.0]])
+    inside = np.diff(density.below(ends.clip(-1.0, 1.0)), axis=1)[:, 0].prod(axis=1).sum()
+    truth = inside / np.diff(density.below(np.array([-1.0, 1.0])))[0] ** 3
+    held, rates = 0, []
+    for seed in range(200):
+        mu = np.random.default_rng(seed).uniform(-1, 1, (worlds, 3)).astype(np.float32)
+        rate = weighted_rate(application.fooling_region(mu) >= 0, in_use.log_density(mu))
+        held += rate.low <= truth <= rate.high
+        rates.append(rate.rate)
+    assert held >= 0.92 * 200
+    assert np.mean(rates) == pytest.approx(truth, abs=3 * np.std(rates) / 200**0.5)

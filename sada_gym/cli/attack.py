@@ -162,7 +162,11 @@ def _show_result(result: AttackResult) -> None:
     from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
 
     say(title(result.report), lead="[bold]")
-    rows = list(summary_rows(result.report, result.further_rows(), where=result.where_rows()))
+    rows = list(
+        summary_rows(
+            result.report, result.further_rows(), where=result.where_rows(), space=result.parameters
+        )
+    )
     indent = 5 + max(len(name) for name, _ in rows)
     narrow = out.is_terminal and out.width < 2 * indent
     for name, text in rows:

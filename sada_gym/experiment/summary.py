@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from sada_gym.cards import find_card
@@ -12,7 +12,7 @@ from sada_gym.experiment.measure import FeasibleRate
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.measures.sensitivity import Influence
-from sada_gym.parameters import number
+from sada_gym.parameters import ParameterSpace, number
 
 AFR = "attack fooling rate"
 
@@ -30,11 +30,14 @@ def summary_rows(
     further: Iterable[tuple[str, str]] = (),
     *,
     where: Iterable[tuple[str, str]] = (),
+    space: ParameterSpace | None = None,
 ) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each finding; `further` ones stand behind where it fails.
 
-    The rows of a diagnosis say `where`, if there are any.
+    The rows of a diagnosis say `where`, if there are any. With the parameters' `space` values are
+    written as people say them: by labels, units and choices.
     """
+    values = _Values(space)
     if (world := _world(report)) is not None:
         yield "environment", world
     low, high = report.afr_interval_95
@@ -47,21 +50,21 @@ def summary_rows(
     yield from tuple(where) or [("where", report.where.sentence)]
     yield from further
     if report.influences:
-        yield "what matters", _influences(report.influences)
+        yield "what matters", _influences(report.influences, values)
     yield "uniform worlds", _uniform_rate(report)
     if report.in_use is not None:
         yield "in ordinary use", _in_use(report.in_use)
     if report.nominal is not None:
-        yield "nominal world", _nominal(report.nominal)
+        yield "nominal world", _nominal(report.nominal, values)
         if not report.nominal.fooled * 2 > report.nominal.evaluations:
-            yield "smallest change", _smallest(report.nominal)
+            yield "smallest change", _smallest(report.nominal, values)
     if report.feasible is not None:
         yield "over feasible worlds", _feasible(report.feasible, report.fooled)
     if report.search.fooling_rate is not None:
         rate = _percent(report.search.fooling_rate)
         yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
     if invalid is not None:
-        yield "invalid worlds", _invalid(invalid, report)
+        yield "invalid worlds", _invalid(invalid, report, values)
     yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
     if report.relative_coverage is not None:
         yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
@@ -84,9 +87,10 @@ def summary(
     further: Iterable[tuple[str, str]] = (),
     *,
     where: Iterable[tuple[str, str]] = (),
+    space: ParameterSpace | None = None,
 ) -> str:
     """Write a run's summary, a line for each finding, see `summary_rows`."""
-    rows = list(summary_rows(report, further, where=where))
+    rows = list(summary_rows(report, further, where=where, space=space))
     width = max(len(name) for name, _ in rows)
     lines = [f"  {name:<{width}}   {text}" for name, text in rows]
     return "\n".join([title(report), *lines, results_line(folder, pictures)])
@@ -112,13 +116,13 @@ def _feasible(found: FeasibleRate, fooled: int) -> str:
     return f"{text}; in {fooled - found.fooled} of {fooled} failures the privileged agent fails too"
 
 
-def _invalid(invalid: InvalidWorlds, report: RunReport) -> str:
+def _invalid(invalid: InvalidWorlds, report: RunReport, values: _Values) -> str:
     samples = report.settings.experiment.protocol.samples
     counts = f"{invalid.queries:,} of {report.search.queries:,} queries"
     text = f"{counts}, {invalid.samples:,} of {samples:,} samples; no failures of the agent"
     if invalid.parameters is not None:
-        values = ", ".join(f"{name} {number(v)}" for name, v in invalid.parameters.items())
-        text += f". The first: {values}, seed {invalid.seed}: {invalid.reason}"
+        world = values.world(invalid.parameters)
+        text += f". The first: {world}, seed {invalid.seed}: {invalid.reason}"
     if invalid.infeasible:
         text += f". {invalid.infeasible:,} more queries were infeasible"
     return text
@@ -152,31 +156,50 @@ def _uniform_rate(report: RunReport) -> str:
     return f"{rate} ({which} {uniform.worlds:,} training queries are uniform)"
 
 
-def _influences(influences: tuple[Influence, ...]) -> str:
+def _influences(influences: tuple[Influence, ...], values: _Values) -> str:
     listed = [
-        f"{influence.parameter} {100 * influence.total:.0f} % "
+        f"{values.label(influence.parameter)} {100 * influence.total:.0f} % "
         f"({100 * influence.total_interval[0]:.0f} to {100 * influence.total_interval[1]:.0f})"
         for influence in influences[:3]
     ]
     return f"{', '.join(listed)}: the share of the failures' variance that each takes part in"
 
 
-def _nominal(nominal: NominalWorld) -> str:
-    values = ", ".join(f"{name} {number(value)}" for name, value in nominal.parameters.items())
+def _nominal(nominal: NominalWorld, values: _Values) -> str:
     often = f"fooled {nominal.fooled} of {nominal.evaluations} times"
-    return f"mean score {nominal.score:.2f}, {often} ({values})"
+    return f"mean score {nominal.score:.2f}, {often} ({values.world(nominal.parameters)})"
 
 
-def _smallest(nominal: NominalWorld) -> str:
+def _smallest(nominal: NominalWorld, values: _Values) -> str:
     alone = [
-        f"{change.parameter} {number(change.nominal)} to {number(change.value)}"
+        f"{values.text(change.parameter, change.nominal)} to "
+        f"{values.alone(change.parameter, change.value)}"
         for change in nominal.smallest
     ]
     text = f"that alone makes it fail: {', or '.join(alone)}" if alone else "none alone does"
     if nominal.nearest is None:
         return text
-    near = ", ".join(f"{name} {number(v)}" for name, v in nominal.nearest.parameters.items())
-    return f"{text}; nearest failure of all worlds: {near}"
+    return f"{text}; nearest failure of all worlds: {values.world(nominal.nearest.parameters)}"
+
+
+class _Values:
+    """Writes physical values by the parameters' names; by their labels where these are known."""
+
+    def __init__(self, space: ParameterSpace | None) -> None:
+        self._known = {} if space is None else {one.name: one for one in space.parameters}
+
+    def label(self, name: str) -> str:
+        return self._known[name].label if name in self._known else name
+
+    def text(self, name: str, value: float) -> str:
+        known = self._known.get(name)
+        return f"{name} {number(value)}" if known is None else known.text(value)
+
+    def alone(self, name: str, value: float) -> str:
+        return self.text(name, value).removeprefix(self.label(name)).strip()
+
+    def world(self, values: Mapping[str, float]) -> str:
+        return ", ".join(self.text(name, value) for name, value in values.items())
 
 
 def _percent(rate: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,6 +86,22 @@ class FailureModel:
 
     def influences(self, names: Sequence[str]) -> tuple[Influence, ...]:
         """Return the influence of each parameter, the greatest first."""
+        means, low, high = self._shares
+        found = [
+            Influence(
+                parameter=name,
+                first=float(means[0, i]),
+                first_interval=(float(low[0, i]), float(high[0, i])),
+                total=float(means[1, i]),
+                total_interval=(float(low[1, i]), float(high[1, i])),
+            )
+            for i, name in enumerate(names)
+        ]
+        return tuple(sorted(found, key=lambda influence: -influence.total))
+
+    @cached_property
+    def _shares(self) -> tuple[Floats, Floats, Floats]:
+        """The first and the total indices, (2, d), and the ends of their intervals."""
         from scipy.stats import qmc, sobol_indices
 
         # one design for all forests: the interval is that of the worlds
@@ -103,17 +120,7 @@ class FailureModel:
         shares = np.clip(np.nan_to_num(shares), 0.0, 1.0).swapaxes(0, 1)
         means = shares.mean(axis=0)
         low, high = np.quantile(shares, (_LOW, _HIGH), axis=0)
-        found = [
-            Influence(
-                parameter=name,
-                first=float(means[0, i]),
-                first_interval=(float(low[0, i]), float(high[0, i])),
-                total=float(means[1, i]),
-                total_interval=(float(low[1, i]), float(high[1, i])),
-            )
-            for i, name in enumerate(names)
-        ]
-        return tuple(sorted(found, key=lambda influence: -influence.total))
+        return means, low, high
 
     def _ask(self, mu: Floats) -> Floats:
         return np.array([forest(mu) for forest in self.forests])
@@ -129,13 +136,20 @@ def fit_failures(mu: Mu, fooled: Bools) -> FailureModel | None:
     """Fit models of the failure probability to worlds, (n, d), and whether each fooled the agent.
 
     The worlds may be chosen in any way that looks at mu and earlier worlds alone. None where there
-    are too few worlds, failures or others, or too many parameters.
+    are too few worlds, failures or others, or too many parameters. The last models are kept, for
+    the result and the pictures of an attack need the same ones.
     """
     rarer = min(fooled.sum(), (~fooled).sum())
     if mu.shape[1] > MAX_PARAMETERS or len(mu) < MIN_WORLDS or rarer < MIN_KIND:
         return None
+    return _fitted(np.ascontiguousarray(mu).tobytes(), mu.dtype.str, mu.shape, fooled.tobytes())
+
+
+@lru_cache(maxsize=1)
+def _fitted(worlds: bytes, kind: str, shape: tuple[int, int], fools: bytes) -> FailureModel:
     from sklearn.ensemble import ExtraTreesClassifier
 
+    mu, fooled = np.frombuffer(worlds, kind).reshape(shape), np.frombuffer(fools, np.bool_)
     rng, forests = np.random.default_rng(0), []
     with single_threaded():
         for seed in range(_FORESTS):

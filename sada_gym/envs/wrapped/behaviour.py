@@ -37,7 +37,6 @@ def _data(episode: RunningEpisode) -> dict[str, Plain]:
     ended = {
         "steps": len(episode.rewards),
         "return": float(sum(episode.rewards)),
-        "terminated": episode.terminated,
     }
     return {**ended, **plain_values(episode.info, "info ")}
 
