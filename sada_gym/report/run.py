@@ -12,7 +12,7 @@ import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, Example, read_diagnosis
-from sada_gym.errors import FileError, StoreError, UserError
+from sada_gym.errors import FileError, StoreError, UserError, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.command import attack_command
@@ -200,7 +200,7 @@ def read_reported(
                     found, columns=columns_of(opened.application, settings, folder, given)
                 )
             drawn = draw(opened.application, missing_pictures(found, wanted), on_progress)
-    except UserError as error:
+    except (UserError, WorkerError) as error:  # a simulator's server may be missing
         if application is not None:
             raise
         lost = "" if columns else " Parameters have no names and units."
