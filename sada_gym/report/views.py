@@ -113,7 +113,7 @@ class RunView:
                 weakness = diagnosis.weaknesses[number]
                 text, sentences = weakness.text, tuple(_sentences(weakness))
             if text or pictures:
-                found.append(Finding(text[:1].upper() + text[1:], sentences, pictures))
+                found.append(Finding(_heading(text), sentences, pictures))
         return tuple(found)
 
     @cached_property
@@ -178,6 +178,11 @@ class RunView:
         if len(values) > _MOST_VALUES:
             values[_MOST_VALUES:] = [f"and {len(values) - _MOST_VALUES} more"]
         return Picture(world.key, data_uri(self.run.pictures[world.key]), title, tuple(values))
+
+
+def _heading(text: str) -> str:
+    # x0 stays as it is: it is a name
+    return text[:1].upper() + text[1:] if text.partition(" ")[0].isalpha() else text
 
 
 def _sentences(weakness: Weakness) -> Iterator[str]:
