@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +31,7 @@ OVERLAP_COST = 0.3
 LEAST_LEAD = 0.2
 """A box fools at least this much more often than elsewhere."""
 
+_FEW = 2
 _PROMISING, _SPLITS, _MOST_ALONE = 12, 12, 8
 _RATE_ENDS = 0.003, 0.99
 _STARTS, _STEPS_AT_ONCE = (12, 60), 3e6  # boxes; worlds times dimensions times boxes
@@ -60,7 +62,7 @@ class Box:
     cells: tuple[Bools, ...]
     gain: float = 0.0
 
-    @property
+    @cached_property
     def conditions(self) -> list[int]:
         """The axes that the rule names."""
         return [j for j, cells in enumerate(self.cells) if not cells.all()]
@@ -195,8 +197,12 @@ class Search:
         missed = np.zeros((b, len(worlds)), np.int16)
         for j in self._open:
             missed += ~chosen[:, j, worlds.cells[j]]
-        kinds = np.stack([~covered, ~covered & worlds.fooled, covered]).astype(np.float32)
-        counters = {j: self._counter(j, kinds) for j in self._open}
+        is_named = ~np.stack(
+            [chosen[:, j, : len(axis)].all(axis=1) for j, axis in enumerate(self.axes)], axis=1
+        )
+        kinds = np.stack([~covered, ~covered & worlds.fooled, covered])
+        # a matrix pays for many boxes
+        counters = {j: self._counter(j, kinds) for j in self._open} if b > _FEW else {}
         gain = np.full(b, -np.inf)
         loss = np.zeros((b, len(self.axes)))
         for sweep in range(sweeps):
@@ -207,30 +213,36 @@ class Search:
                 if seen is not None:
                     others &= seen
                 g = len(self.axes[j])
-                counts = (others.astype(np.float32) @ counters[j]).astype(np.float64)
-                counts = counts.reshape(b, 3, g)
-                number = self._number(chosen, j)
+                if counters:
+                    counts = (others.astype(np.float32) @ counters[j]).astype(np.float64)
+                    counts = counts.reshape(b, 3, g)
+                else:
+                    counts = self._counts(j, kinds, others)
+                number = is_named.sum(axis=1) - is_named[:, j]
+                has_sum = is_named[:, [i for i in self._sums if i != j]].any(axis=1)
                 cost = np.where(number < MAX_CONDITIONS - 1, CONDITION_COST, LAST_COST)
                 if j in self._sums:
-                    cost = cost + np.where(self._has_sum(chosen, j), np.inf, SUM_COST)
+                    cost = cost + np.where(has_sum, np.inf, SUM_COST)
                 whole = value(*counts.sum(axis=2).T)
                 cells, best = self._best_cells(self.axes[j], counts, value)
                 named = best - cost > whole
                 chosen[:, j, :g] = np.where(named[:, None], cells, True)
+                is_named[:, j] = named
                 gain = np.where(named, best - cost, whole)
-                gain = gain - self._costs(number) - SUM_COST * self._has_sum(chosen, j)
+                gain = gain - self._costs(number) - SUM_COST * has_sum
                 loss[:, j] = np.where(named, best - cost - whole, np.inf)
                 missed += inside.astype(np.int16) - chosen[:, j, worlds.cells[j]]
-            many = self._number(chosen, None) > MAX_CONDITIONS
+            many = is_named.sum(axis=1) > MAX_CONDITIONS
             if 1 <= sweep < sweeps - 1 and many.any():
                 for row in np.flatnonzero(many):
                     j = int(np.argmin(loss[row]))
                     missed[row] -= ~chosen[row, j, worlds.cells[j]]
                     chosen[row, j, : len(self.axes[j])] = True
+                    is_named[row, j] = False
             elif (np.abs(gain - before) < 1e-6).all():
                 break
         if sweeps > 2:
-            gain[self._number(chosen, None) > MAX_CONDITIONS] = -np.inf
+            gain[is_named.sum(axis=1) > MAX_CONDITIONS] = -np.inf
         return gain
 
     def cost(self, box: Box) -> float:
@@ -240,29 +252,25 @@ class Search:
         sums = any(self.axes[j].other is not None for j in box.conditions)
         return CONDITION_COST * number + (LAST_COST - CONDITION_COST) * last + SUM_COST * sums
 
-    def _number(self, chosen: Bools, without: int | None) -> Indices:
-        """Count the conditions of each box, (b,)."""
-        axes = [j for j in self._open if j != without]
-        named = [~chosen[:, j, : len(self.axes[j])].all(axis=1) for j in axes]
-        return np.sum(named, axis=0, dtype=np.intp) if named else np.zeros(len(chosen), np.intp)
-
-    def _has_sum(self, chosen: Bools, without: int) -> Bools:
-        """Return which boxes name a sum of two parameters, (b,)."""
-        axes = [j for j in self._sums if j != without]
-        named = [~chosen[:, j, : len(self.axes[j])].all(axis=1) for j in axes]
-        return np.any(named, axis=0) if named else np.zeros(len(chosen), np.bool_)
-
     def _costs(self, number: Indices) -> Floats:
         return CONDITION_COST * number + np.maximum(number - MAX_CONDITIONS + 1, 0) * (
             LAST_COST - CONDITION_COST
         )
 
-    def _counter(self, j: int, kinds: Floats32) -> Floats32:
-        """Return the matrix, (n, 3 g), that counts worlds by cells: open, failing, covered."""
+    def _counter(self, j: int, kinds: Bools) -> Floats32:
+        """Return the matrix, (n, 3 g), that counts worlds by kind and cell."""
         g = len(self.axes[j])
         counter = np.zeros((len(self.worlds), 3, g), np.float32)
         counter[np.arange(len(self.worlds)), :, self.worlds.cells[j]] = kinds.T
         return counter.reshape(len(self.worlds), 3 * g)
+
+    def _counts(self, j: int, kinds: Bools, inside: Bools) -> Floats:
+        """Count the worlds in each box, (b, n), by kind and cell: (b, 3, g)."""
+        cells, g = self.worlds.cells[j], len(self.axes[j])
+        counted = [
+            [np.bincount(cells[rows & kind], minlength=g) for kind in kinds] for rows in inside
+        ]
+        return np.array(counted, np.float64)
 
     def _best_cells(self, axis: Axis, counts: Floats, value: Value) -> tuple[Bools, Floats]:
         """Return the best set of cells for each box, (b, g), and its value, (b,)."""
@@ -328,6 +336,8 @@ def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> tuple
             continue
         parts = [part for one, two in pairs for part in ([one], [two], [one, two])]
         totals = [total(search, uniform, [*others, *part]) for part in parts]
+        if max(totals) <= best:
+            continue
         part = parts[int(np.argmax(totals))]
         split = grow(search, uniform, [*others, *part], most, least_gain)
         if (found := total(search, uniform, split)) > best:
