@@ -19,7 +19,7 @@ from sada_gym.cards import fetchable
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
 from sada_gym.evaluation.stored import OnScores, stored_scores
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.finished import check_samples, open_target, read_run
+from sada_gym.experiment.finished import check_samples, open_target, read_run, run_folders
 from sada_gym.experiment.folder import ELSEWHERE_FILE, write_samples
 from sada_gym.experiment.names import card_of, check_spelling
 from sada_gym.experiment.record import RunSettings
@@ -127,12 +127,10 @@ def transfer(
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
             the parameters there have other names, units or choices.
     """
-    folders, targets = _listed(runs, "a run's folder"), _listed(to, "an id or an Application")
+    folders, targets = run_folders(runs), _listed(to)
     keywords = {} if env_kwargs is None else dict(env_kwargs)
     check_keywords("env_kwargs", keywords)
     _check_agent(agent, keywords, targets)
-    if not folders:
-        raise UserError("Expected at least one run, got none. Name the folder of one.")
     if not (targets or keywords or agent):
         raise UserError(
             "Expected a track, an agent or keywords to try the samples with, got none. Name them "
@@ -145,7 +143,7 @@ def transfer(
     tasks: list[_Task] = []
     with ExitStack() as stack:
         opened: dict[object, OpenTarget] = {}
-        for folder in map(Path, folders):
+        for folder in folders:
             run = _Run.read(folder, samples, seed, application, call)
             for target in targets or [None]:
                 with_agent = agent or _own_agent(run.target, target)
@@ -431,12 +429,12 @@ def _check_agent(
         )
 
 
-def _listed(given: Any, what: str) -> list[Any]:
+def _listed(given: Any) -> list[Any]:
     items = [given] if isinstance(given, str | Path | Application) else given
     if not isinstance(items, Sequence) or not all(
         isinstance(item, str | Path | Application) for item in items
     ):
-        raise UserTypeError(f"Expected {what} or a list of them, got {given!r}.")
+        raise UserTypeError(f"Expected an id or an Application or a list of them, got {given!r}.")
     return [str(item) if isinstance(item, Path) else item for item in items]
 
 

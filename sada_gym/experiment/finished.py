@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sada_gym.application import Application
@@ -11,6 +12,16 @@ from sada_gym.experiment.folder import SAMPLES_FILE, SETTINGS_FILE, SOURCE_FILE,
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import MAX_TOML_BYTES, as_path, read_file, read_model, shown
+
+
+def run_folders(runs: str | Path | Sequence[str | Path]) -> list[Path]:
+    """Return the folders of a run, or of several; a UserError for anything else, or for none."""
+    listed = [runs] if isinstance(runs, str | Path) else runs
+    if not isinstance(listed, Sequence) or not all(isinstance(run, str | Path) for run in listed):
+        raise UserTypeError(f"Expected a run's folder or a list of them, got {runs!r}.")
+    if not listed:
+        raise UserError("Expected at least one run, got none. Name the folder of one.")
+    return [as_path(run, "a run's folder") for run in listed]
 
 
 def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:

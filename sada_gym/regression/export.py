@@ -14,10 +14,16 @@ import numpy as np
 from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.application import Application
 from sada_gym.arrays import Indices
-from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
+from sada_gym.errors import FileError, UserError, check_integer
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.finished import check_samples, open_target, read_run, source_of
+from sada_gym.experiment.finished import (
+    check_samples,
+    open_target,
+    read_run,
+    run_folders,
+    source_of,
+)
 from sada_gym.experiment.folder import ELSEWHERE_FILE, read_finished
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
@@ -90,13 +96,11 @@ def export(
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, the
             runs attacked different things, or nothing failed.
     """
-    folders = [runs] if isinstance(runs, str | Path) else runs
-    if not isinstance(folders, Sequence) or not folders:
-        raise UserTypeError(f"Expected the folder of a run, or a list of them, got {runs!r}.")
+    folders = run_folders(runs)
     check_integer("confirm", confirm, 0, 1_000)
     path = suite_path(out)
     call = f"sada_gym.regression.export.export({str(folders[0])!r}, ..., application=YOURS)"
-    read = [(Path(folder), *read_run(folder)) for folder in folders]
+    read = [(folder, *read_run(folder)) for folder in folders]
     settings, target = read[0][1], read[0][1].experiment.target
     _check_one_target([run for _, run, _ in read], [folder for folder, *_ in read])
     with open_target(settings, read[0][0], application, call=call, workers=workers) as opened:
