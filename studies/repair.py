@@ -180,7 +180,7 @@ class Robot(Subject):
     """The shipped `ppo`, which was trained in the middle of all ranges."""
 
     name = "robot"
-    effort = Effort(steps=400_000, nominal=100, uniform=1_000, budget=1_000, samples=100)
+    effort = Effort(steps=400_000, nominal=100, uniform=800, budget=1_000, samples=100)
     envs = 64
 
     def application(self, agent: Any) -> RobotApplication:
@@ -219,7 +219,7 @@ class Driver(Subject):
     """The shipped `cil` in the task `one_curve`; an expert shows it other worlds."""
 
     name = "driver"
-    effort = Effort(steps=16_000, nominal=40, uniform=400, budget=300, samples=100)
+    effort = Effort(steps=16_000, nominal=40, uniform=300, budget=250, samples=60)
     rounds = 4
 
     def application(self, agent: Any) -> DrivingApplication:
