@@ -13,6 +13,7 @@ from sada_gym.diagnosis.record import Rate, Weakness
 from sada_gym.experiment.summary import summary_rows
 from sada_gym.report.run import ReportedRun, highlights
 from sada_gym.report.thumbnails import World
+from sada_gym.report.worlds import parameters_of
 
 _MOST_VALUES = 8
 
@@ -105,7 +106,7 @@ class RunView:
         diagnosis, found = self.run.diagnosis, []
         for number, worlds in enumerate(highlights(self.run)):
             rule = self.run.rules[number] if self.run.rules else ()
-            first = [condition.parameter for condition in rule]
+            first = parameters_of(rule)
             pictures = tuple(self._picture(world, first) for world in worlds if self._has(world))
             text = " and ".join(condition.text for condition in rule)
             sentences: tuple[str, ...] = ()
@@ -131,7 +132,7 @@ class RunView:
     def order(self) -> list[str]:
         """The parameters' names, those that matter most first."""
         names = self.run.space.names
-        named = [condition.parameter for rule in self.run.rules for condition in rule]
+        named = [name for rule in self.run.rules for name in parameters_of(rule)]
         if self.run.result is not None:
             named += [influence.parameter for influence in self.run.result.influences]
         return list(dict.fromkeys([*(name for name in named if name in names), *names]))
@@ -199,7 +200,7 @@ def _sentences(weakness: Weakness) -> Iterator[str]:
     if weakness.confirmed is not None:
         yield f"{_rate(weakness.confirmed)} of them fail again on fresh seeds."
     if weakness.behaviour is not None:
-        yield weakness.behaviour
+        yield f"{_heading(weakness.behaviour)}."
 
 
 def _rate(rate: Rate) -> str:

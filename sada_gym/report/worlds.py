@@ -16,6 +16,7 @@ from typing_extensions import Self
 
 from sada_gym.application import Application
 from sada_gym.arrays import Integers
+from sada_gym.diagnosis.record import SumCondition
 from sada_gym.diagnosis.rules import holds
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations
@@ -117,6 +118,16 @@ def read_columns(folder: Path) -> WorldColumns | None:
     return columns
 
 
+def parameters_of(conditions: Sequence[Condition]) -> list[str]:
+    """List the parameters that conditions are on, in their order."""
+    names = []
+    for condition in conditions:
+        names.append(condition.parameter)
+        if isinstance(condition, SumCondition):
+            names.append(condition.other)
+    return list(dict.fromkeys(names))
+
+
 def weakness_of(
     rules: Sequence[Sequence[Condition]], space: ParameterSpace, mu: Mu
 ) -> npt.NDArray[np.int64]:
@@ -126,7 +137,7 @@ def weakness_of(
     """
     found = np.zeros(len(mu), np.int64)
     for number, conditions in enumerate(rules, 1):
-        if len(mu) and {condition.parameter for condition in conditions} <= {*space.names}:
+        if len(mu) and {*parameters_of(conditions)} <= {*space.names}:
             found[(found == 0) & holds(conditions, space, mu)] = number
     return found
 

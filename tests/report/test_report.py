@@ -245,7 +245,7 @@ def weakness(samples, row):
         outside=Rate.of(3, 50),
         thresholds=(),
         examples=(example,),
-        behaviour="Taken for a 4 in 7 of 10.",
+        behaviour="taken for a 4 in 7 of 10",
     )
 
 

@@ -9,8 +9,9 @@ from hostile_worlds import FORMULA, TAG, Hostile
 from toy import Greedy
 
 from sada_gym.attack import attack
+from sada_gym.diagnosis.record import SumCondition
 from sada_gym.measures.failure_regions import Condition
-from sada_gym.report.worlds import WorldColumns, plain, read_columns, weakness_of
+from sada_gym.report.worlds import WorldColumns, parameters_of, plain, read_columns, weakness_of
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,12 @@ def test_a_rule_on_a_parameter_that_is_not_there_holds_nowhere(result):
     assert not weakness_of([[unknown]], Hostile.parameters, mu).any()
     first = weakness_of([[unknown], [condition], [condition]], Hostile.parameters, mu)
     assert {*first.tolist()} == {0, 2}
+    fields = condition.model_dump()
+    total = SumCondition(**{**fields, "ranges": ((-1e9, 1e9),)}, other="score", factor=2.0)
+    assert parameters_of([total, condition]) == ["count", "score"]
+    assert weakness_of([[total]], Hostile.parameters, mu).all()
+    beyond = total.model_copy(update={"other": "nothing"})
+    assert not weakness_of([[beyond]], Hostile.parameters, mu).any()
 
 
 def test_a_run_without_pictures_has_the_table_too(tmp_path):
