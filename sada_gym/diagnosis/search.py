@@ -31,7 +31,7 @@ OVERLAP_COST = 0.3
 LEAST_LEAD = 0.2
 """A box fools at least this much more often than elsewhere."""
 
-_FEW = 2
+_FEW, _ROUNDS = 2, 3
 _PROMISING, _SPLITS, _MOST_ALONE = 12, 12, 8
 _RATE_ENDS = 0.003, 0.99
 _STARTS, _STEPS_AT_ONCE = (12, 60), 3e6  # boxes; worlds times dimensions times boxes
@@ -348,12 +348,14 @@ def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> tuple
 def grow(
     search: Search, uniform: Bools, boxes: list[Box], most: int, least_gain: float
 ) -> list[Box]:
-    """Improve boxes and find further ones until none gains enough."""
-    worlds = search.worlds
-    while True:
+    """Improve boxes and find further ones until none gains enough, or the last does not stay."""
+    worlds, before = search.worlds, -1
+    for _ in range(_ROUNDS * most):
         elsewhere = rate_elsewhere(worlds, uniform, boxes)
         boxes = settle(search, boxes, elsewhere, least_gain)
-        covered = union(boxes, worlds)
+        if len(boxes) == before:
+            return boxes
+        before, covered = len(boxes), union(boxes, worlds)
         if len(boxes) == most or (worlds.fooled & ~covered).sum() < 5:
             return boxes
         elsewhere = rate_elsewhere(worlds, uniform, boxes)
@@ -362,6 +364,7 @@ def grow(
         if not found or found[0].gain < least_gain:
             return boxes
         boxes = [*boxes, found[0]]
+    return boxes
 
 
 def prune(search: Search, uniform: Bools, boxes: list[Box]) -> list[Box]:
