@@ -7,7 +7,6 @@ and no weights.
 from typing import TYPE_CHECKING
 
 from sada_gym.application import Application, Outcomes, Scored
-from sada_gym.behaviour import Behaviour
 from sada_gym.evaluation.problems import make_application
 from sada_gym.frames import Frame
 from sada_gym.lazy import lazy_names
@@ -16,6 +15,7 @@ from sada_gym.registration import env_ids, register_environments, tracks
 
 if TYPE_CHECKING:
     from sada_gym.agents.remote.server import serve
+    from sada_gym.behaviour import Behaviour
     from sada_gym.envs.wrapped.application import GymnasiumApplication
 
 __version__ = "0.1.0"
@@ -39,7 +39,11 @@ __all__ = [
 
 __getattr__ = lazy_names(
     __name__,
-    {"GymnasiumApplication": "envs.wrapped.application", "serve": "agents.remote.server"},
+    {
+        "Behaviour": "behaviour",
+        "GymnasiumApplication": "envs.wrapped.application",
+        "serve": "agents.remote.server",
+    },
 )
 
 register_environments()

@@ -7,13 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import Floats, Floats32, real_scores
-from sada_gym.behaviour import Behaviour, plain_values
 from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
@@ -21,6 +20,9 @@ from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.seeds import validate_seeds
+
+if TYPE_CHECKING:
+    from sada_gym.behaviour import Behaviour
 
 RESERVED_KEYS = frozenset({"score", "fooled", "seed", "parameters"})
 """The keys that `Application.evaluate` sets in every info itself."""
@@ -221,6 +223,8 @@ class Application(ABC):
         The default takes a text `ending` of the info as what went wrong, and the other values as
         data.
         """
+        from sada_gym.behaviour import Behaviour, plain_values  # they bring pydantic
+
         ending = info.get("ending")
         told = ending if isinstance(ending, str) and ending else ""
         extras = {key: info[key] for key in info if key not in {*RESERVED_KEYS, "invalid"}}
