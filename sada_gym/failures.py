@@ -237,9 +237,10 @@ def fresh_seeds(seed: int, sample: int, count: int) -> tuple[int, ...]:
 def play_again(application: Application, samples: Evaluations) -> tuple[Behaviour, ...]:
     """Play evaluations again, and say what the agent did in each.
 
-    Returns none where the application does not tell it; where it fails to, this warns.
+    Returns none where the application does not tell it, or plays another episode each time; where
+    it fails to, this warns.
     """
-    if not len(samples) or not application.tells_behaviour:
+    if not (len(samples) and application.tells_behaviour and application.repeatable):
         return ()
     try:
         told = tuple(application.behaviours(samples.mu, samples.seed.tolist()))
