@@ -56,6 +56,12 @@ def workers_option(default: int | None, shown: str | bool = True) -> Any:
     return option(default, text, "--workers", minimum=1, shown=shown)
 
 
+def application_option(run: str = "a run") -> Any:
+    """Declare `--application`."""
+    text = f"What was attacked, where {run} cannot say it."
+    return option(None, text, metavar="ID|FILE.toml", shown="what RUN names")
+
+
 def executor_option() -> Any:
     """Declare `--executor`."""
     text = "`processes`, `dask` (a local cluster), or `dask:ADDRESS` of a scheduler."

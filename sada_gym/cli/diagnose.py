@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from sada_gym.cli.console import (
+    application_option,
     errors_as_sentences,
     json_option,
     option,
@@ -29,12 +30,7 @@ def diagnose(
         0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
     ),
     workers: int = workers_option(1),
-    application: str | None = option(
-        None,
-        "What was attacked, where a run cannot say it.",
-        metavar="ID|FILE.toml",
-        shown="what RUN names",
-    ),
+    application: str | None = application_option(),
     as_json: bool = json_option("the diagnosis"),
 ) -> None:
     """Find one to five weaknesses: rules over physical parameters where the agent fails.

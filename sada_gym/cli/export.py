@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from sada_gym.cli.console import (
+    application_option,
     errors_as_sentences,
     json_option,
     option,
@@ -28,12 +29,7 @@ def export(
         3, "Fresh seeds on most of which a world must fail, or pass, again.", minimum=0
     ),
     workers: int = workers_option(1),
-    application: str | None = option(
-        None,
-        "What was attacked, where a run cannot say it.",
-        metavar="ID|FILE.toml",
-        shown="what RUN names",
-    ),
+    application: str | None = application_option(),
     as_json: bool = json_option("the suite"),
 ) -> None:
     """Write failures, grouped and confirmed, and worlds like them that passed, as a suite.

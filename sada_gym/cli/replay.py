@@ -8,6 +8,7 @@ import typer
 from rich.status import Status
 
 from sada_gym.cli.console import (
+    application_option,
     err,
     errors_as_sentences,
     json_option,
@@ -29,12 +30,7 @@ def replay(
         None, "Show this one sample: its row in samples.npz, from 0.", metavar="I"
     ),
     seconds: float = option(10.0, "The length of a sample, about."),
-    application: str | None = option(
-        None,
-        "What was attacked, where RUN cannot say it.",
-        metavar="ID|FILE.toml",
-        shown="what RUN names",
-    ),
+    application: str | None = application_option("RUN"),
     as_json: bool = json_option(),
 ) -> None:
     """Replay samples of a run as a video, so that a person sees how the agent fails.

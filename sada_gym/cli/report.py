@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from sada_gym.cli.console import (
+    application_option,
     err,
     errors_as_sentences,
     json_option,
@@ -31,12 +32,7 @@ def report(
     pictures: int | None = option(
         None, "Draw so many worlds.", minimum=0, shown="as many as an attack"
     ),
-    application: str | None = option(
-        None,
-        "What was attacked, where a run cannot say it.",
-        metavar="ID|FILE.toml",
-        shown="what RUN names",
-    ),
+    application: str | None = application_option(),
     as_json: bool = json_option(),
 ) -> None:
     """Make report.html of a run again, or a page of two runs side by side.

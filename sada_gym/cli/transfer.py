@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sada_gym.cli.console import (
+    application_option,
     env_kwargs_option,
     err,
     errors_as_sentences,
@@ -51,12 +52,7 @@ def transfer(
     ),
     workers: int = workers_option(1),
     executor: str = executor_option(),
-    application: str | None = option(
-        None,
-        "What was attacked, where a run cannot say it.",
-        metavar="ID|FILE.toml",
-        shown="what RUN names",
-    ),
+    application: str | None = application_option(),
     out_file: Path | None = option(None, "Write the figures as JSON.", "--out", metavar="FILE"),
     as_json: bool = json_option("the figures"),
 ) -> None:
