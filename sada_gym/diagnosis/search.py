@@ -109,11 +109,16 @@ class Search:
 
     def improve(self, box: Box, elsewhere: float, covered: Bools) -> Box:
         """Ascend from a box."""
-        chosen = np.zeros((1, len(self.axes), self._most), np.bool_)
-        for j, cells in enumerate(box.cells):
-            chosen[0, j, : len(cells)] = cells
+        chosen = self._padded(box)[None]
         gain = self._ascend(chosen, elsewhere, covered)
         return self._box(chosen[0], float(gain[0]))
+
+    def _padded(self, box: Box) -> Bools:
+        """Return the cells of a box, (d, g), of all axes as long as the longest."""
+        padded = np.zeros((len(self.axes), self._most), np.bool_)
+        for j, cells in enumerate(box.cells):
+            padded[j, : len(cells)] = cells
+        return padded
 
     def _box(self, chosen: Bools, gain: float) -> Box:
         return Box(tuple(chosen[j, : len(axis)].copy() for j, axis in enumerate(self.axes)), gain)
@@ -150,10 +155,7 @@ class Search:
         cuts = cuts[: self._most_starts // 2]
         if not cuts:
             return []
-        whole = np.zeros((len(self.axes), self._most), np.bool_)
-        for j, cells in enumerate(box.cells):
-            whole[j, : len(cells)] = cells
-        chosen = np.repeat(whole[None], 2 * len(cuts), axis=0)
+        chosen = np.repeat(self._padded(box)[None], 2 * len(cuts), axis=0)
         inside = box.contains(self.worlds)
         seen = np.ones((2 * len(cuts), len(self.worlds)), np.bool_)
         for row, (j, half) in enumerate(cuts):
@@ -389,11 +391,7 @@ def total(search: Search, uniform: Bools, boxes: Sequence[Box]) -> float:
         mine = worlds.fooled[inside & left]
         found += _log_likelihood(mine, float(mine.mean()) if len(mine) else 0.5)
         found -= OVERLAP_COST * float((inside & ~left).sum())
-        number = len(box.conditions)
-        found -= RULE_COST + SUM_COST * any(
-            search.axes[j].other is not None for j in box.conditions
-        )
-        found -= CONDITION_COST * number + (LAST_COST - CONDITION_COST) * (number >= MAX_CONDITIONS)
+        found -= RULE_COST + search.cost(box)
         left &= ~inside
     return found + _log_likelihood(worlds.fooled[left], elsewhere)
 
