@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from multiprocessing.context import BaseContext
 from pathlib import Path
+from typing import Any
 
 import pytest
 from forked import FORKSERVER
@@ -15,6 +18,8 @@ import sada_gym  # registers the environments
 
 pytest.register_assert_rewrite("sada_gym.testing")
 
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+DRIVER = shutil.which("chromedriver")
 KERNELS = {
     "SADA-Detection-Car-v0": "envs/detection/renderers/shading.py",
     "SADA-Driving-Straight-v0": "envs/driving/camera/drawing.py",
@@ -57,3 +62,23 @@ def fresh_processes_share_imports(monkeypatch: pytest.MonkeyPatch) -> None:
         return FORKSERVER
 
     monkeypatch.setattr("sada_gym.testing.processes.spawn_context", context)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Open a headless Chromium; skip where it is not installed, unless it is needed."""
+    if CHROMIUM is None or DRIVER is None:
+        text = "Chromium and its driver are not installed: apt-get install chromium chromium-driver"
+        if os.environ.get("SADA_GYM_NEEDS_BROWSER"):
+            pytest.fail(text)
+        pytest.skip(text)
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for switch in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "hide-scrollbars"):
+        options.add_argument(f"--{switch}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()

@@ -1,8 +1,6 @@
 """The report in headless Chromium: what the program on the page does, and how it looks."""
 
 import json
-import os
-import shutil
 
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ from toy import Greedy
 from sada_gym.attack import attack
 from sada_gym.report.make import report
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
@@ -22,25 +18,6 @@ def runs(tmp_path_factory):
         attack(Hostile(), Greedy, out=folder / name, budget=100, seed=seed, progress=False)
         for name, seed in (("a <b> 'c'", 1), ("other", 2))
     ]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None or DRIVER is None:
-        text = "Chromium and its driver are not installed: apt-get install chromium chromium-driver"
-        if os.environ.get("SADA_GYM_NEEDS_BROWSER"):
-            pytest.fail(text)
-        pytest.skip(text)
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for switch in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "hide-scrollbars"):
-        options.add_argument(f"--{switch}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    yield driver
-    driver.quit()
 
 
 @pytest.fixture
