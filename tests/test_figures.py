@@ -27,6 +27,7 @@ MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
 DEFINED = {
     "agents.md": {"60"},  # what we had asked for
     "command-line.md": {"50", "60", "77", "22", "90"},  # an example that getting-started.md prints
+    "diagnosis.md": {"5"},  # an option: the share of fresh worlds
     "level-set.md": {"98"},  # an option
     "measures.md": {"50"},  # by definition
     "own-agent.md": {"5"},  # when a warning is given
