@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from dataclasses import dataclass, field
 from functools import cache
 from types import SimpleNamespace
@@ -27,6 +29,15 @@ def start(port: int = 2000, **faults: Any) -> FakeServer:
     return SERVERS[port]
 
 
+def start_as_told(told: dict[str, Any]) -> None:
+    """Start a server on each of `ports`, with a town of one route."""
+    from sada_gym.envs.carla import application, routes
+
+    application.ROUTES = routes.ROUTES = 1
+    for port in told.pop("ports", [2000]):
+        start(port, **told)
+
+
 @dataclass
 class FakeServer:
     """A server's state, and what goes wrong on it."""
@@ -37,6 +48,7 @@ class FakeServer:
     dies_at_tick: int = 0
     interrupts_at_tick: int = 0
     exits_at_tick: int = 0
+    log: str = ""  # a file that gets a line for each world that is loaded: the port and the process
     map_name: str = "Town10HD_Opt"
     actors: list[Any] = field(default_factory=list)
     ticks: int = 0
@@ -84,6 +96,9 @@ class Client:
         server.actors.clear()
         server.settings = carla.WorldSettings()
         server.worlds += 1
+        if server.log:
+            with open(server.log, "a", encoding="utf-8") as log:
+                log.write(f"{self._port} {os.getpid()}\n")
         return World(server)
 
     def get_trafficmanager(self, port: int) -> TrafficManager:
@@ -137,8 +152,6 @@ class World:
         if server.ticks == server.interrupts_at_tick:
             raise KeyboardInterrupt
         if server.ticks == server.exits_at_tick:
-            import os
-
             os._exit(9)
         server.check()
         for kind in (Car, Camera):
@@ -438,3 +451,7 @@ def _add_way(
         contactPoint="start",
     )  # fmt: skip
     Xml.SubElement(connection, "laneLink", attrib={"from": str(lane_in), "to": "-1"})
+
+
+if "FAKE_CARLA" in os.environ:  # a process of an attack, its workers too
+    start_as_told(json.loads(os.environ["FAKE_CARLA"]))

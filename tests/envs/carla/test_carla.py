@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import socket
@@ -158,6 +159,8 @@ def test_an_sb3_zip_drives(start, tmp_path, monkeypatch):
 
     PPO("MultiInputPolicy", Spaces(), n_steps=8, batch_size=8).save(tmp_path / "my driver.zip")
     start()
+    for module in (routes, application_module):
+        monkeypatch.setattr(module, "ROUTES", 1)
     monkeypatch.setattr(drive_module, "_SLOWEST_M_S", 40.0)  # the network is slow, the end near
     application = driven(agent=str(tmp_path / "my driver.zip"), agent_id=None)
     assert len(application.fingerprint) == 64
@@ -306,33 +309,84 @@ def stored(run):
         return store.execute("SELECT COUNT(*) FROM evaluation").fetchone()[0]
 
 
-def test_an_attack_that_was_killed_goes_on(start, tmp_path, monkeypatch):
+CODE = """
+import json, sys
+from fake_carla import lane_driver
+from sada_gym.attack import attack
+from sada_gym.envs.carla.application import CarlaDrivingApplication
+
+if __name__ == "__main__":
+    run, host, options = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
+    application = CarlaDrivingApplication(
+        "one_curve", agent=lane_driver, agent_id="lanes", episodes=1, host=host
+    )
+    attack(application, "level-set", out=run, **options)
+"""
+"""The script of an attack: the run's folder, the servers and the options are its arguments."""
+
+
+def attack_elsewhere(run, host="localhost:2000", workers=None, **told):
+    """Attack in a process of its own, with one route, and return its exit code and errors."""
+    options = ATTACK | ({} if workers is None else {"workers": workers})
+    script = run.parent / f"{run.name}.py"
+    script.write_text(CODE, encoding="utf-8")
+    paths = [str(SUPPORT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    done = subprocess.run(
+        [sys.executable, str(script), str(run), host, json.dumps(options)],
+        env=os.environ
+        | {"FAKE_CARLA": json.dumps(told), "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+    return done.returncode, done.stderr
+
+
+def contents(run):
+    """Return what a run's store and samples hold."""
+    with closing(sqlite3.connect(run / "run.sqlite")) as store:
+        rows = store.execute("SELECT * FROM evaluation").fetchall()
+    with np.load(run / "samples.npz") as samples:
+        return sorted(map(repr, rows)), samples["mu"].tobytes(), samples["score"].tobytes()
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory):
+    run = tmp_path_factory.mktemp("unbroken") / "run"
+    code, errors = attack_elsewhere(run)
+    assert code == 0, errors
+    return contents(run)
+
+
+def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, monkeypatch, unbroken):
     for module in (routes, application_module):  # five take as many times as long
         monkeypatch.setattr(module, "ROUTES", 1)
-    code = (
-        f"import sys; sys.path.insert(0, {str(SUPPORT)!r}); import fake_carla as fake\n"
-        "fake.start(exits_at_tick=3_000)\n"
-        "from sada_gym.envs.carla import application as module, routes\n"
-        "module.ROUTES = routes.ROUTES = 1\n"
-        "from sada_gym.envs.carla.application import CarlaDrivingApplication\n"
-        "from sada_gym.attack import attack\n"
-        "application = CarlaDrivingApplication(\n"
-        "    'one_curve', agent=fake.lane_driver, agent_id='lanes', episodes=1)\n"
-        f"attack(application, 'level-set', out={str(tmp_path / 'run')!r}, **{ATTACK!r})"
-    )
-    killed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=200
-    )
-    assert killed.returncode == 9, killed.stderr
-    kept = stored(tmp_path / "run")
+    run = tmp_path / "run"
+    code, errors = attack_elsewhere(run, exits_at_tick=3_000)
+    assert code == 9, errors
+    kept = stored(run)
     assert kept > 0
     server = start()
-    result = attack(driven(), "level-set", out=tmp_path / "run", resume=True, **ATTACK)
-    assert result.folder == tmp_path / "run"
-    assert (tmp_path / "run" / "result.json").is_file()
+    result = attack(driven(), "level-set", out=run, resume=True, **ATTACK)
+    assert result.folder == run
+    assert (run / "result.json").is_file()
     privileged = ATTACK["samples"]
-    assert server.worlds == stored(tmp_path / "run") - kept + privileged  # none was driven twice
+    assert server.worlds == stored(run) - kept + privileged  # none was driven twice
     assert_left_as_found(server)
+    assert contents(run) == unbroken
+
+
+def test_workers_share_the_servers_of_an_attack(tmp_path, unbroken):
+    run, log = tmp_path / "run", tmp_path / "log"
+    code, errors = attack_elsewhere(
+        run, "localhost:2000,2010", workers=2, ports=[2000, 2010], log=str(log)
+    )
+    assert code == 0, errors
+    loaded = [line.split() for line in log.read_text(encoding="utf-8").splitlines()]
+    assert {port for port, _ in loaded} == {"2000", "2010"}
+    assert len({process for _, process in loaded}) >= 2
+    assert contents(run) == unbroken
 
 
 @pytest.mark.skipif(
