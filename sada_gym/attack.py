@@ -39,7 +39,7 @@ from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSetti
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.failures import Failures, check_seeds, list_failures
+from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures, read_failures
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.frames import Frame
 from sada_gym.ids import names_file
@@ -216,18 +216,20 @@ def attack(
         diagnosis = None
         if diagnose:
             diagnosis = _diagnose(opened, outcome, folder, report_progress)
+        again, listed_before = PlayedAgain(opened.application), _read_failures(folder)
         failures = list_failures(
             opened,
             settings,
             test_samples,
             folder,
             seeds=confirm,
+            again=again,
             on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
         )
         before = diagnosis
         if before is not None:
             known = queries + test_samples
-            diagnosis = tell(before, opened.application, known, failures)
+            diagnosis = tell(before, opened.application, known, failures, again)
             if diagnosis != before:
                 write_diagnosis(folder, diagnosis)
         drawn: tuple[Path, ...] = ()
@@ -242,7 +244,8 @@ def attack(
                 on_frame=frames.__setitem__,
             )
         made: Path | None = folder / REPORT_FILE
-        is_made = was_finished and diagnosis == before and (folder / REPORT_FILE).is_file()
+        is_known = was_finished and (diagnosis, failures) == (before, listed_before)
+        is_made = is_known and (folder / REPORT_FILE).is_file()
         if not is_made:
             has_id = isinstance(environment, str) and not names_file(environment)
             made = report_attack(
@@ -309,6 +312,12 @@ def _diagnose(
         opened.evaluator.detach()
     write_diagnosis(folder, diagnosis)
     return diagnosis
+
+
+def _read_failures(folder: Path) -> Failures | None:
+    with suppress(FileError):  # a damaged file is made anew
+        return read_failures(folder)
+    return None
 
 
 def _progress(shown: bool, on_progress: OnProgress | None) -> AbstractContextManager[OnProgress]:

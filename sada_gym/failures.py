@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sada_gym.application import Application
-from sada_gym.arrays import Indices
+from sada_gym.arrays import Bools, Indices
 from sada_gym.behaviour import Behaviour, Behaviours, Plain
 from sada_gym.errors import FileError, UserTypeError, check_integer
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
@@ -173,13 +173,14 @@ def list_failures(
     folder: Path,
     *,
     seeds: int = 0,
+    again: PlayedAgain | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Failures | None:
     """List the failures among the samples of a run, and write them into its folder.
 
-    Some are played again to see what the agent does, and with `seeds` each is tried again on so
-    many fresh seeds. A file that is there is returned as it is where it has these. An evaluator
-    with a store gives it up.
+    Some are played again to see what the agent does, by `again` if it is given, and with `seeds`
+    each is tried again on so many fresh seeds. A file that is there is returned as it is where it
+    has these. An evaluator with a store gives it up.
 
     Returns:
         What failures.json holds; None where no sample fooled.
@@ -205,9 +206,10 @@ def list_failures(
     most = int(_PLAYED_SHARE * (protocol.budget + protocol.samples))
     count = min(_PLAYED, max(_FEWEST_PLAYED, most))
     passing = np.flatnonzero(~samples.fooled(threshold) & ~samples.invalid)[:count]
-    behaviours = play_again(opened.application, samples[rows[:count]])
+    again = again or PlayedAgain(opened.application)
+    behaviours = again.play(samples[rows[:count]])
     compared = any(isinstance(value, Plain) for one in behaviours for value in one.data.values())
-    passes = play_again(opened.application, samples[passing]) if compared else ()
+    passes = again.play(samples[passing]) if compared else ()
     confirmed = None if fresh is None else int(fresh.fails.sum())
     failures = Failures(
         fooled=Rate.of(len(rows), worlds),
@@ -234,12 +236,39 @@ def fresh_seeds(seed: int, sample: int, count: int) -> tuple[int, ...]:
     return tuple(evaluation_seeds(seed, "validation", sample * MOST_SEEDS, count))
 
 
-def play_again(application: Application, samples: Evaluations) -> tuple[Behaviour, ...]:
-    """Play evaluations again, and say what the agent did in each.
+class PlayedAgain:
+    """Plays evaluations again to see what the agent does in them, each of them once."""
 
-    Returns none where the application does not tell it, or plays another episode each time; where
-    it fails to, this warns.
-    """
+    def __init__(self, application: Application) -> None:
+        self._application = application
+        self._told: dict[tuple[bytes, int], Behaviour] = {}
+
+    def knows(self, worlds: Evaluations) -> Bools:
+        """Return which evaluations were played already, (n,)."""
+        return np.array([key in self._told for key in _keys(worlds)], np.bool_)
+
+    def play(self, worlds: Evaluations) -> tuple[Behaviour, ...]:
+        """Say what the agent did in each evaluation; those that are new are played together.
+
+        Returns none where the application does not tell it, or plays another episode each time;
+        where it fails to, this warns.
+        """
+        keys = _keys(worlds)
+        new = [
+            row
+            for key, row in {key: row for row, key in enumerate(keys)}.items()
+            if key not in self._told
+        ]
+        told = _play(self._application, worlds[np.array(new, np.intp)])
+        self._told.update(zip((keys[row] for row in new), told, strict=False))
+        return tuple(self._told[key] for key in keys) if self._told.keys() >= {*keys} else ()
+
+
+def _keys(worlds: Evaluations) -> list[tuple[bytes, int]]:
+    return [(mu.tobytes(), seed) for mu, seed in zip(worlds.mu, worlds.seed.tolist(), strict=True)]
+
+
+def _play(application: Application, samples: Evaluations) -> tuple[Behaviour, ...]:
     if not (len(samples) and application.tells_behaviour and application.repeatable):
         return ()
     try:
@@ -248,7 +277,7 @@ def play_again(application: Application, samples: Evaluations) -> tuple[Behaviou
             raise UserTypeError(f"expected {len(samples)} objects of Behaviour, got {told!r}")
     except Exception as error:  # a user's code, too, and must not cost the result
         reason = shown(f"{type(application).__name__}.behaviours: {type(error).__name__}: {error}")
-        warnings.warn(f"What the agent did is left out. {reason}", stacklevel=2)
+        warnings.warn(f"What the agent did is left out. {reason}", stacklevel=3)
         return ()
     return told
 

@@ -8,6 +8,7 @@ import typer
 
 from sada_gym.cli.console import (
     application_option,
+    err,
     errors_as_sentences,
     json_option,
     option,
@@ -35,11 +36,13 @@ def diagnose(
 ) -> None:
     """Find one to five weaknesses: rules over physical parameters where the agent fails.
 
-    RUN receives diagnosis.json. The same command goes on after a stop.
+    RUN receives diagnosis.json, and its report.html, if it has one, is made anew. The same command
+    goes on after a stop.
     """
     with errors_as_sentences():
         from sada_gym.diagnosis.run import diagnose as find
         from sada_gym.diagnosis.summary import details
+        from sada_gym.report.make import REPORT_FILE, report
 
         with scores_progress() as progress:
             diagnosis = find(
@@ -50,6 +53,9 @@ def diagnose(
                 workers=workers,
                 on_scores=progress,
             )
+        if (run / REPORT_FILE).is_file():
+            with err.status("Making report.html anew"):
+                report(run, application=application)
     if as_json:
         print_json(diagnosis)
         return

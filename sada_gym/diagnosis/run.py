@@ -19,7 +19,7 @@ from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
 from sada_gym.experiment.finished import check_samples, open_target, read_run
 from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 from sada_gym.experiment.record import RunReport, RunSettings
-from sada_gym.failures import check_seeds, list_failures
+from sada_gym.failures import PlayedAgain, check_seeds, list_failures
 from sada_gym.files import as_path, read_model
 from sada_gym.parameters import Mu
 
@@ -81,10 +81,12 @@ def diagnose(
             fresh=fresh,
             on_scores=on_scores,
         )
+        again = PlayedAgain(opened.application)
         failures = list_failures(
-            opened, settings, samples, folder, seeds=confirm, on_scores=on_scores
+            opened, settings, samples, folder, seeds=confirm, again=again, on_scores=on_scores
         )
-        diagnosis = tell(diagnosis, opened.application, queries + samples, failures)
+        known = queries + samples
+        diagnosis = tell(diagnosis, opened.application, known, failures, again)
     write_diagnosis(folder, diagnosis)
     return diagnosis
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sada_gym.application import Application
+from sada_gym.arrays import Bools
 from sada_gym.behaviour import Behaviours
 from sada_gym.diagnosis.record import Diagnosis, Weakness
 from sada_gym.diagnosis.rules import holds
 from sada_gym.evaluations import Evaluations
-from sada_gym.failures import Failures, play_again
+from sada_gym.failures import Failure, Failures, PlayedAgain
 from sada_gym.measures.rates import Rate
+from sada_gym.parameters import Mu
 
 _PLAYED, _FEWEST_PLAYED, _PLAYED_SHARE = 10, 3, 0.02
 """The failures of a weakness that are played again: at most so many, and this share of all known
@@ -18,7 +22,11 @@ worlds together."""
 
 
 def tell(
-    diagnosis: Diagnosis, application: Application, known: Evaluations, failures: Failures | None
+    diagnosis: Diagnosis,
+    application: Application,
+    known: Evaluations,
+    failures: Failures | None,
+    again: PlayedAgain,
 ) -> Diagnosis:
     """Say of each weakness what the agent does in it, and how many failures in it are confirmed.
 
@@ -28,34 +36,47 @@ def tell(
             that was done.
         known: The run's training queries and test samples.
         failures: Those among the samples, see `sada_gym.failures`; None where there are none.
+        again: Plays them, all together.
     """
-    count = len(diagnosis.weaknesses)
-    each = min(_PLAYED, max(_FEWEST_PLAYED, int(_PLAYED_SHARE * len(known)) // max(count, 1)))
-    told = (
-        _told(weakness, application, known, failures, each) for weakness in diagnosis.weaknesses
+    weaknesses = diagnosis.weaknesses
+    each = min(
+        _PLAYED, max(_FEWEST_PLAYED, int(_PLAYED_SHARE * len(known)) // max(1, len(weaknesses)))
     )
+    failing = known[known.fooled(application.fooling_threshold)]
+    untold = {
+        place: _chosen(failing[_inside(weakness, application, failing.mu)], each, again)
+        for place, weakness in enumerate(weaknesses)
+        if weakness.behaviour is None and application.tells_behaviour
+    }
+    if untold:
+        again.play(Evaluations.joined([*untold.values()]))
+    told = []
+    for place, weakness in enumerate(weaknesses):
+        found: dict[str, object] = {}
+        if place in untold:
+            behaviours = Behaviours.of(again.play(untold[place]))
+            found["behaviour"] = None if behaviours is None else behaviours.sentence
+        if failures is not None and (tried := [f for f in failures.failures if f.valid_seeds]):
+            found["confirmed"] = _confirmed(weakness, application, tried)
+        told.append(weakness.model_copy(update=found))
     return diagnosis.model_copy(update={"weaknesses": tuple(told)})
 
 
-def _told(
-    weakness: Weakness,
-    application: Application,
-    known: Evaluations,
-    failures: Failures | None,
-    count: int,
-) -> Weakness:
-    found: dict[str, object] = {}
-    space = application.parameters
-    if weakness.behaviour is None and application.tells_behaviour:
-        failing = known[known.fooled(application.fooling_threshold)]
-        inside = failing[holds(weakness.conditions, space, failing.mu)]
-        rows = np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))
-        behaviours = Behaviours.of(play_again(application, inside[rows]))
-        found["behaviour"] = None if behaviours is None else behaviours.sentence
-    tried = [] if failures is None else [one for one in failures.failures if one.valid_seeds]
-    if tried:
-        mu = np.array([failure.mu for failure in tried], np.float32)
-        own = [tried[i] for i in np.flatnonzero(holds(weakness.conditions, space, mu))]
-        again = sum(failure.fails_again for failure in own)
-        found["confirmed"] = Rate.of(again, len(own)) if own else None
-    return weakness.model_copy(update=found)
+def _inside(weakness: Weakness, application: Application, mu: Mu) -> Bools:
+    return holds(weakness.conditions, application.parameters, mu)
+
+
+def _chosen(failing: Evaluations, count: int, again: PlayedAgain) -> Evaluations:
+    """Choose so many failures: first those that were played already, then evenly."""
+    known = again.knows(failing)
+    played, others = failing[known][:count], failing[~known]
+    left = min(count - len(played), len(others))
+    return played + others[np.linspace(0, len(others) - 1, left).astype(np.intp)]
+
+
+def _confirmed(
+    weakness: Weakness, application: Application, tried: Sequence[Failure]
+) -> Rate | None:
+    inside = _inside(weakness, application, np.array([one.mu for one in tried], np.float32))
+    own = [tried[i] for i in np.flatnonzero(inside).tolist()]
+    return Rate.of(sum(failure.fails_again for failure in own), len(own)) if own else None

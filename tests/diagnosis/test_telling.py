@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sada_gym import make_application
+from sada_gym.application import Application
 from sada_gym.attack import attack
 from sada_gym.diagnosis import diagnose
 from sada_gym.diagnosis.record import read_diagnosis
@@ -45,8 +46,25 @@ def test_a_finished_run_gets_them_later_and_plays_nothing_twice(
     def fail(*_: Any) -> Any:
         raise AssertionError("nothing is to be played")
 
-    monkeypatch.setattr("sada_gym.failures.play_again", fail)
-    monkeypatch.setattr("sada_gym.diagnosis.telling.play_again", fail)
+    monkeypatch.setattr("sada_gym.failures.PlayedAgain.play", fail)
     again = run(tmp_path / "run", resume=True)
     assert again.diagnosis == read_diagnosis(tmp_path / "run")
     assert again.diagnosis.weaknesses[0].confirmed is not None
+
+
+def test_no_failure_is_played_twice_at_the_end_of_an_attack(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batches = []
+    played = Application.behaviours
+
+    def count(self: Application, mu: Any, seeds: Any) -> Any:
+        batches.append([*zip(map(bytes, mu), seeds, strict=True)])
+        return played(self, mu, seeds)
+
+    monkeypatch.setattr(Application, "behaviours", count)
+    result = run(tmp_path / "run", env_kwargs={**ANALYTIC, "regions": 3})
+    assert all(weakness.behaviour for weakness in result.diagnosis.weaknesses)
+    worlds = [world for batch in batches for world in batch]
+    assert len(worlds) == len({*worlds})
+    assert len(batches) <= 3  # failures, passes, and what weaknesses lack

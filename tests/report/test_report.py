@@ -124,6 +124,16 @@ def test_a_report_that_is_missing_comes_back_with_resume(digits, copied):
     assert run(copied, resume=True).html.read_bytes() == digits.html.read_bytes()
 
 
+def test_a_later_diagnosis_or_confirmation_makes_the_report_anew(copied, tmp_path):
+    resumed = shutil.copytree(copied, tmp_path / "resumed")
+    command = ["diagnose", str(copied), "--confirm", "1", "--fresh", "20"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    shown = Page((copied / "report.html").read_bytes())
+    assert "failures fail again on a fresh seed" in shown.text
+    assert run(resumed, resume=True, confirm=1).html is not None
+    assert "fail again on a fresh seed" in Page((resumed / "report.html").read_bytes()).text
+
+
 def test_a_report_can_be_left_out(tmp_path):
     left_out = run(tmp_path / "run", adversary="random", budget=0, html=False)
     assert left_out.html is None
