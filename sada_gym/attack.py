@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+from sada_gym.diagnosis.grouping import grouped
 from sada_gym.diagnosis.record import Diagnosis, read_diagnosis, write_diagnosis
 from sada_gym.diagnosis.run import diagnose_run
 from sada_gym.diagnosis.summary import rows as weakness_rows
@@ -224,6 +226,7 @@ def attack(
             folder,
             seeds=confirm,
             again=again,
+            group=None if diagnosis is None else partial(grouped, diagnosis, opened.parameters),
             on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
         )
         before = diagnosis

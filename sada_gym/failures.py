@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -20,15 +21,13 @@ from sada_gym.experiment.folder import ELSEWHERE_FILE
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import OneLine, Strict, as_path, read_model, shown, write_model
-from sada_gym.measures.groups import distinct, places, words
+from sada_gym.measures.groups import distinct, words
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu
 
 FAILURES_FILE = "failures.json"
 MOST_SEEDS = 1_000
 _MOST_LISTED = 1_000
-_LARGE = 0.1
-"""A group of failures is large if it holds this share of them."""
 _PLAYED, _FEWEST_PLAYED, _PLAYED_SHARE = 10, 3, 0.02
 """Failures that are played again to see what the agent does: at most so many, and this share of
 the run's evaluations."""
@@ -63,17 +62,29 @@ class Failure(Strict):
 
 
 class FailureGroup(Strict):
-    """A distinct failure: samples that lie near one another, and far from others.
+    """A distinct failure: samples of one weakness that no wide gap parts.
 
     Attributes:
         failures: The number of samples in it.
         representative: The sample in its middle.
         where: What its worlds share, in words.
+        weakness: The number of its weakness in the diagnosis, from 1; 0 where the samples lie in
+            none of these, and None where there is no diagnosis.
     """
 
     failures: int
     representative: int
     where: OneLine
+    weakness: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The rows of failures that are one `FailureGroup`, its middle first."""
+
+    rows: Indices
+    where: str
+    weakness: int | None = None
 
 
 class Failures(Strict):
@@ -86,7 +97,7 @@ class Failures(Strict):
             such seeds.
         confirmed_afr: The same over all samples.
         behaviours: What the agent did in some of them; None where nothing is told.
-        groups: The distinct failures, the largest first.
+        groups: The distinct failures, the largest first; those in no weakness come last.
         failures: The failures, the surest first, then those with the lowest score. Of very many
             only the first samples are here, and count above.
     """
@@ -100,16 +111,21 @@ class Failures(Strict):
     groups: tuple[FailureGroup, ...]
     failures: tuple[Failure, ...]
 
+    @property
+    def apart(self) -> tuple[FailureGroup, ...]:
+        """The groups, but for the one in no weakness where others lie in one."""
+        return tuple(one for one in self.groups if one.weakness) or self.groups
+
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield the name and the text of each finding, as the summary of a run has them."""
         if self.behaviours is not None:
             yield "what it does", self.behaviours.sentence
-        sizes = [group.failures for group in self.groups]
-        if sizes[0] < _LARGE * sum(sizes):
-            yield "distinct failures", f"{len(sizes):,} of {sum(sizes):,}, in no large groups"
-        elif len(sizes) > 1:
+        if len(self.groups) > 1:
+            sizes = [group.failures for group in self.apart]
             listed = ", ".join(map(str, sizes[:4])) + (", ..." if len(sizes) > 4 else "")
-            yield "distinct failures", f"{len(sizes):,} groups, of {listed} samples"
+            text = f"{len(sizes):,} group{'s' * (len(sizes) > 1)}, of {listed} samples"
+            others = sum(group.failures for group in self.groups) - sum(sizes)
+            yield "distinct failures", f"{text}; {others:,} in no weakness" if others else text
         if self.confirmed is not None and self.confirmed_afr is not None:
             again = f"{self.confirmed.fooled} of {self.confirmed.samples} failures fail again"
             on = "a fresh seed" if self.seeds == 1 else f"most of {self.seeds} fresh seeds"
@@ -174,28 +190,39 @@ def list_failures(
     *,
     seeds: int = 0,
     again: PlayedAgain | None = None,
+    group: Callable[[Mu], Sequence[Group]] | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Failures | None:
     """List the failures among the samples of a run, and write them into its folder.
 
     Some are played again to see what the agent does, by `again` if it is given, and with `seeds`
     each is tried again on so many fresh seeds. A file that is there is returned as it is where it
-    has these. An evaluator with a store gives it up.
+    has these, but for its groups. `group` says how the failures, (n, d), are grouped; without it
+    they stay as they were, or wide gaps part them. An evaluator with a store gives it up.
 
     Returns:
         What failures.json holds; None where no sample fooled.
     """
-    if (known := _known(folder, seeds, len(samples))) is not None:
-        return known
     threshold = settings.experiment.target.fooling_threshold
     rows = np.flatnonzero(samples.fooled(threshold))[:_MOST_LISTED]
     if not len(rows):
         return None
+    mu, space = opened.parameters.validate(samples.mu[rows]), opened.parameters
+    known = _known(folder, rows)
+    if group is not None:
+        groups = group(mu)
+    elif known is not None:
+        groups = _groups_of(known, rows)
+    else:
+        groups = [Group(part, words(mu[part], space)) for part in distinct(mu, space)]
+    if known is not None and (not seeds or known.seeds == seeds):
+        failures = _grouped(known, rows, groups)
+        if failures != known:
+            write_model(folder / FAILURES_FILE, failures)
+        return failures
     # where failures are left out, so are the samples behind the last one that is listed
     tried = samples if len(rows) < _MOST_LISTED else samples[: int(rows[-1]) + 1]
     worlds = len(tried.valid)
-    mu, space = opened.parameters.validate(samples.mu[rows]), opened.parameters
-    groups = distinct(places(mu, space), len(space))
     fresh = None
     if seeds:
         own = [fresh_seeds(settings.seed, row, seeds) for row in rows.tolist()]
@@ -217,16 +244,10 @@ def list_failures(
         confirmed=None if confirmed is None else Rate.of(confirmed, len(rows)),
         confirmed_afr=None if confirmed is None else Rate.of(confirmed, worlds),
         behaviours=Behaviours.of(behaviours, passes),
-        groups=tuple(
-            FailureGroup(
-                failures=len(group),
-                representative=int(rows[group[0]]),
-                where=words(mu[group], space),
-            )
-            for group in groups
-        ),
-        failures=_listed(opened, samples, rows, groups, fresh, behaviours),
+        groups=(),
+        failures=_listed(opened, samples, rows, fresh, behaviours),
     )
+    failures = _grouped(failures, rows, groups)
     write_model(folder / FAILURES_FILE, failures)
     return failures
 
@@ -282,26 +303,54 @@ def _play(application: Application, samples: Evaluations) -> tuple[Behaviour, ..
     return told
 
 
-def _known(folder: Path, seeds: int, samples: int) -> Failures | None:
-    """Return the failures that were listed before, if they have as many fresh seeds."""
+def _known(folder: Path, rows: Indices) -> Failures | None:
+    """Return the failures that were listed before, if they are those of these samples."""
     try:
         known = read_failures(folder)
     except FileError:  # it is made anew
         return None
-    if known is None or (seeds and known.seeds != seeds):
+    if known is None or sorted(one.sample for one in known.failures) != rows.tolist():
         return None
-    return known if all(failure.sample < samples for failure in known.failures) else None
+    return known
+
+
+def _groups_of(known: Failures, rows: Indices) -> list[Group]:
+    """Return the groups that were found before; each begins with its representative."""
+    number = {failure.sample: failure.group for failure in known.failures}
+    of = np.array([number[row] for row in rows.tolist()])
+    found = []
+    for place, group in enumerate(known.groups, 1):
+        inside = np.flatnonzero(of == place)
+        middle_first = np.argsort(rows[inside] != group.representative, kind="stable")
+        found.append(Group(inside[middle_first], group.where, group.weakness))
+    return found
+
+
+def _grouped(failures: Failures, rows: Indices, groups: Sequence[Group]) -> Failures:
+    """Number the groups of failures: the largest first, and those in no weakness last."""
+    last = any(group.weakness for group in groups)
+    ordered = sorted(groups, key=lambda one: (last and not one.weakness, -len(one.rows)))
+    number = {int(rows[i]): n for n, one in enumerate(ordered, 1) for i in one.rows}
+    listed = (one.model_copy(update={"group": number[one.sample]}) for one in failures.failures)
+    found = (
+        FailureGroup(
+            failures=len(one.rows),
+            representative=int(rows[one.rows[0]]),
+            where=one.where,
+            weakness=one.weakness,
+        )
+        for one in ordered
+    )
+    return failures.model_copy(update={"groups": tuple(found), "failures": tuple(listed)})
 
 
 def _listed(
     opened: OpenTarget,
     samples: Evaluations,
     rows: Indices,
-    groups: Sequence[Indices],
     fresh: FreshScores | None,
     behaviours: Sequence[Behaviour],
 ) -> tuple[Failure, ...]:
-    group_of = {int(row): number for number, group in enumerate(groups, 1) for row in group}
     listed = []
     for i, row in enumerate(rows.tolist()):
         mu: Mu = samples.mu[row]
@@ -312,7 +361,7 @@ def _listed(
                 seed=int(samples.seed[row]),
                 score=float(samples.score[row]),
                 parameters=opened.parameters.describe(mu),
-                group=group_of[i],
+                group=1,
                 fooled_seeds=None if fresh is None else int(fresh.fooled_seeds[i]),
                 valid_seeds=None if fresh is None else int(fresh.valid_seeds[i]),
                 behaviour=shown(behaviours[i].text) if i < len(behaviours) else None,

@@ -16,6 +16,8 @@ from sada_gym import Parameter, ParameterSpace
 from sada_gym.application import Application, Scored
 from sada_gym.arrays import Bools, Floats
 from sada_gym.diagnosis.core import diagnose_worlds
+from sada_gym.diagnosis.grouping import grouped
+from sada_gym.diagnosis.record import Diagnosis
 from sada_gym.diagnosis.rules import holds
 from sada_gym.diagnosis.run import default_fresh
 from sada_gym.evaluations import Evaluations
@@ -26,6 +28,7 @@ AROUND = ("in front", "on the left", "behind", "on the right")
 DIMENSIONS = (2, 3, 4, 6, 8, 10)
 KINDS = ("box", "band", "cyclic", "thin", "choice", "ellipse", "diagonal")
 ADVERSARIES = ("level-set", "random", "bbgan")
+LEARNING = ("level-set", "bbgan")
 _QUERIES, _SAMPLES = 2_000, 250
 _TESTED = 40_000
 _MOST_TOGETHER = 0.4
@@ -297,15 +300,15 @@ Named = list[Callable[[Floats], Bools]]
 """What a method names: which shares, (n, d), lie in each rule."""
 
 
-def by_diagnosis(setting: Setting, known: Known, rng: np.random.Generator) -> Named:
-    """Name what `sada-gym diagnose` does."""
+def diagnosed(setting: Setting, known: Known, rng: np.random.Generator) -> Diagnosis:
+    """Diagnose as `sada-gym diagnose` does."""
     mu = (2.0 * known.shares - 1.0).astype(np.float32)
 
     def evaluate(mu: Mu) -> tuple[Bools, Bools]:
         fooled = rng.random(len(mu)) < setting.rates((mu.astype(np.float64) + 1.0) / 2.0)
         return fooled, np.ones(len(mu), np.bool_)
 
-    found = diagnose_worlds(
+    return diagnose_worlds(
         setting.space,
         Evaluations(mu, 1.0 - known.fooled, np.arange(len(mu))),
         _THRESHOLD,
@@ -314,10 +317,21 @@ def by_diagnosis(setting: Setting, known: Known, rng: np.random.Generator) -> Na
         fresh=default_fresh(_QUERIES),
         seed=setting.seed,
     )
+
+
+def by_diagnosis(setting: Setting, diagnosis: Diagnosis) -> Named:
+    """Name the weaknesses of a diagnosis."""
     return [
         lambda shares, one=one: holds(one.conditions, setting.space, 2.0 * shares - 1.0)
-        for one in found.weaknesses
+        for one in diagnosis.weaknesses
     ]
+
+
+def distinct_failures(setting: Setting, known: Known, diagnosis: Diagnosis) -> int:
+    """Count the groups of the failures among the samples; those in no weakness where all are."""
+    mu = (2.0 * known.shares[-_SAMPLES:] - 1.0).astype(np.float32)
+    groups = grouped(diagnosis, setting.space, mu[known.fooled[-_SAMPLES:]])
+    return sum(group.weakness != 0 for group in groups) or len(groups)
 
 
 def by_prim(_: Setting, known: Known, __: np.random.Generator) -> Named:
@@ -403,7 +417,8 @@ def by_tree(_: Setting, known: Known, __: np.random.Generator) -> Named:
     return [lambda shares, i=i: tree.apply(shares) == i for i in weak]
 
 
-METHODS = {"sada-gym": by_diagnosis, "PRIM": by_prim, "decision tree": by_tree}
+OURS = "sada-gym"
+OTHERS = {"PRIM": by_prim, "decision tree": by_tree}
 
 
 def judge(setting: Setting, named: Named) -> dict[str, list[float]]:
@@ -438,13 +453,16 @@ def _iou(one: Bools, other: Bools) -> float:
 def run(number: int, *, real: bool) -> dict[str, object]:
     """Diagnose a setting by all methods, and return what came out."""
     setting, rng = plant(number), np.random.default_rng([number, 52])
-    adversary = ADVERSARIES[number % len(ADVERSARIES)]
-    if real and adversary != "random":
-        known = attack_for_real(setting, adversary)
-    else:
-        known = ask(setting, adversary, rng)
-    found: dict[str, object] = {}
-    for name, method in METHODS.items():
+    adversaries = LEARNING if real else ADVERSARIES
+    adversary = adversaries[number % len(adversaries)]
+    known = attack_for_real(setting, adversary) if real else ask(setting, adversary, rng)
+    start = time.process_time()
+    diagnosis = diagnosed(setting, known, rng)
+    spent = time.process_time() - start
+    ours = judge(setting, by_diagnosis(setting, diagnosis))
+    groups = distinct_failures(setting, known, diagnosis)
+    found: dict[str, object] = {OURS: {**ours, "seconds": spent, "groups": groups}}
+    for name, method in OTHERS.items():
         start = time.process_time()
         named = method(setting, known, rng)
         spent = time.process_time() - start
@@ -464,7 +482,7 @@ def tables(rows: list[dict[str, Any]]) -> str:
         "| method | found by one rule | by rules together | false | in part | seconds |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [f"| {name} | {_cells(rows, name)} |" for name in METHODS]
+    lines += [f"| {name} | {_cells(rows, name)} |" for name in (OURS, *OTHERS)]
     lines += [
         "",
         "| sada-gym, of | planted | found by one rule | by rules together |",
@@ -480,7 +498,21 @@ def tables(rows: list[dict[str, Any]]) -> str:
         *((f"{n} at once", lambda row, _, n=n: len(row["kinds"]) == n) for n in range(1, 5)),
     ]
     lines += [f"| {name} | {_recalls(rows, chosen)} |" for name, chosen in groups]
+    lines += [
+        "",
+        "| planted | settings | groups of failures, mean | as many as planted | one more or less |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    lines += [f"| {n} | {_groups(rows, n)} |" for n in range(1, 5)]
     return "\n".join(lines)
+
+
+def _groups(rows: list[dict[str, Any]], planted: int) -> str:
+    found = [row["found"][OURS]["groups"] for row in rows if len(row["kinds"]) == planted]
+    if not found:
+        return "0 | | | "
+    apart = np.abs(np.array(found) - planted)
+    return f"{len(found)} | {np.mean(found):.1f} | {_percent(apart == 0)} | {_percent(apart == 1)}"
 
 
 def _cells(rows: list[dict[str, Any]], method: str) -> str:
@@ -498,7 +530,7 @@ def _cells(rows: list[dict[str, Any]], method: str) -> str:
 def _recalls(rows: list[dict[str, Any]], chosen: Callable[[dict[str, Any], int], bool]) -> str:
     one, together = [], []
     for row in rows:
-        found = row["found"]["sada-gym"]
+        found = row["found"][OURS]
         for i in range(len(row["kinds"])):
             if chosen(row, i):
                 one.append(found["one"][i] >= 0.5)
@@ -520,7 +552,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--settings", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="develop on 1000 and above")
-    parser.add_argument("--real", type=int, default=12, help="so many more by real adversaries")
+    parser.add_argument("--real", type=int, default=40, help="so many more by real adversaries")
     parser.add_argument("--out", type=Path, default=Path("planted_weaknesses.jsonl"))
     given = parser.parse_args()
     rows = [json.loads(line) for line in given.out.open()] if given.out.exists() else []

@@ -9,12 +9,13 @@ import numpy as np
 from sada_gym.arrays import Bools, Indices
 from sada_gym.diagnosis.checking import Checked, Permits, Try, check
 from sada_gym.diagnosis.find import Found, find_rules
+from sada_gym.diagnosis.grouping import parts_of
 from sada_gym.diagnosis.record import Diagnosis, Example, SumCondition, Weakness
 from sada_gym.diagnosis.rules import draw, holds, volume
 from sada_gym.diagnosis.wording import conditions, listed, thresholds
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.failure_regions import MIN_FAILURES, Condition, percent, too_few
-from sada_gym.measures.groups import distinct, places
+from sada_gym.measures.groups import neighbourhoods, places
 from sada_gym.parameters import ParameterSpace
 
 _EXAMPLES = 5
@@ -118,7 +119,7 @@ def _weaknesses(
         mine = known[inside & fooled & (known.seed >= 0)]
         _, first = np.unique(mine.mu, axis=0, return_index=True)
         mine = mine[np.sort(first)]
-        groups = distinct(places(mine.mu, space), len(space)) if len(mine) else []
+        near = neighbourhoods(places(mine.mu, space), len(space)) if len(mine) else []
         weaknesses.append(
             Weakness(
                 conditions=said,
@@ -126,11 +127,11 @@ def _weaknesses(
                 volume=volume(said, space),
                 share=_share(inside, fooled, uniform),
                 failures=len(mine),
-                distinct=len(groups),
+                distinct=len(parts_of(said, space, mine.mu)) if len(mine) else 0,
                 inside=one.inside,
                 outside=None,
                 thresholds=thresholds(found.rules[one.place]),
-                examples=_examples(space, mine, groups),
+                examples=_examples(space, mine, near),
             )
         )
     return sorted(weaknesses, key=lambda weakness: -weakness.share)

@@ -71,7 +71,7 @@ class Weakness(Strict):
         share: The share of the failures for which they hold: among uniform worlds, where enough
             of these failed, else among all that are known.
         failures: The number of known different failures for which they hold.
-        distinct: The number of groups of these that lie apart.
+        distinct: The number of groups of these that wide gaps part.
         inside: The fooling rate of uniform worlds in it, by worlds that the rule was not fitted
             to; None where none were evaluated.
         outside: The same of worlds that lie in no weakness of the diagnosis, nor in a rule that

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.diagnosis.core import diagnose_worlds
+from sada_gym.diagnosis.grouping import grouped
 from sada_gym.diagnosis.record import Diagnosis, write_diagnosis
 from sada_gym.diagnosis.telling import tell
 from sada_gym.errors import FileError, UserError, check_integer
@@ -83,7 +85,14 @@ def diagnose(
         )
         again = PlayedAgain(opened.application)
         failures = list_failures(
-            opened, settings, samples, folder, seeds=confirm, again=again, on_scores=on_scores
+            opened,
+            settings,
+            samples,
+            folder,
+            seeds=confirm,
+            again=again,
+            group=partial(grouped, diagnosis, opened.parameters),
+            on_scores=on_scores,
         )
         known = queries + samples
         diagnosis = tell(diagnosis, opened.application, known, failures, again)

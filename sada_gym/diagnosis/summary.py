@@ -24,9 +24,10 @@ def details(diagnosis: Diagnosis) -> Iterator[str]:
     for place, weakness in enumerate(diagnosis.weaknesses, 1):
         yield f"{place}. {weakness.text}"
         yield f"   {_findings(weakness)}"
+        apart = f" in {weakness.distinct} groups that lie apart" if weakness.distinct > 1 else ""
         yield (
-            f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known failures in "
-            f"{weakness.distinct:,} groups that lie apart"
+            f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known "
+            f"failures{apart}"
         )
         if weakness.behaviour is not None:
             yield f"   {weakness.behaviour}"

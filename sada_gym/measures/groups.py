@@ -1,16 +1,25 @@
-"""Groups failures into distinct ones, and finds a world like each in which the agent passed."""
+"""Groups failures by how far they lie apart, and finds worlds like them that passed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from sada_gym.arrays import Floats, Indices
+from sada_gym.arrays import Floats, Indices, Integers
 from sada_gym.parameters import Mu, ParameterSpace, number
 
 _NEAR = 0.5
 """Failures of a group are nearer than this share of the mean distance in the box."""
 
 _MOST_CLUSTERED = 2_000
+_REFERENCES = 19
+"""Uniform worlds leave a larger gap than so many such sets before in one case of 20."""
+
+_MOST_LINKED = 500
+_LEAST_SHARE, _LEAST = 0.05, 3
+"""What holds less of the failures is no group of its own."""
+
 _NARROW = 0.5
 _FEWEST, _MOST_WORDS = 3, 3
 
@@ -26,17 +35,70 @@ def places(mu: Mu, parameters: ParameterSpace) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def distinct(points: Floats, dimension: int) -> list[Indices]:
-    """Group `places`, (n, e), of d parameters by average linkage; the largest group comes first.
+def distinct(
+    mu: Mu, parameters: ParameterSpace, draw: Callable[[int], Mu] | None = None
+) -> list[Indices]:
+    """Group failures, (n, d), that gaps lie between; the largest group comes first.
 
+    Uniform worlds have gaps, too, which are wide where there are few worlds or many parameters. So
+    two groups lie apart where the gap between them is wider than any between as many uniform
+    worlds, in 19 draws of these (single linkage). What is too small for a group joins the nearest.
     Each group's rows start in its middle; each further one is as far as can be from those before.
+
+    Args:
+        mu: At least one failure.
+        parameters: Their space.
+        draw: Draws so many uniform worlds of the region in which the failures lie; None stands for
+            the whole space.
+    """
+    rng = np.random.default_rng(0)
+
+    def anywhere(count: int) -> Mu:
+        return rng.uniform(-1.0, 1.0, (count, len(parameters))).astype(np.float32)
+
+    points = places(mu, parameters)
+    linked = np.unique(np.linspace(0, len(mu) - 1, min(len(mu), _MOST_LINKED)).astype(np.intp))
+    labels = _parts(points[linked], parameters, draw or anywhere)
+    counts = np.bincount(labels)
+    large = counts >= max(_LEAST, _LEAST_SHARE * len(linked))
+    if large.sum() < 2:
+        return [_spread(points)]
+    kept = large[labels]
+    near = np.array([_nearest(points[linked[kept]], point) for point in points])
+    labels = labels[kept][near]
+    groups = [np.flatnonzero(labels == label) for label in np.flatnonzero(large)]
+    groups.sort(key=lambda rows: (-len(rows), rows[0]))
+    return [rows[_spread(points[rows])] for rows in groups]
+
+
+def _parts(points: Floats, parameters: ParameterSpace, draw: Callable[[int], Mu]) -> Integers:
+    """Label points, (n, e), by the part that they lie in, (n,)."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    if len(points) < _LEAST:
+        return np.zeros(len(points), np.int64)
+    drawn = (places(draw(len(points)), parameters) for _ in range(_REFERENCES))
+    widest = max(linkage(uniform, "single")[:, 2].max() for uniform in drawn)
+    labels: Integers = fcluster(linkage(points, "single"), widest, "distance") - 1
+    return labels
+
+
+def _nearest(points: Floats, point: Floats) -> int:
+    return int(np.linalg.norm(points - point, axis=1).argmin())
+
+
+def neighbourhoods(points: Floats, dimension: int) -> list[Indices]:
+    """Group `places`, (n, e), of d parameters into small regions; the largest group comes first.
+
+    By average linkage; with many parameters and few points there are many. Each group's rows start
+    in its middle; each further one is as far as can be from those before.
     """
     from sklearn.cluster import AgglomerativeClustering
 
     count = len(points)
     if count > _MOST_CLUSTERED:
         kept = np.linspace(0, count - 1, _MOST_CLUSTERED).astype(np.intp)
-        return [kept[rows] for rows in distinct(points[kept], dimension)]
+        return [kept[rows] for rows in neighbourhoods(points[kept], dimension)]
     if count == 1:
         return [np.zeros(1, np.intp)]
     clustering = AgglomerativeClustering(
@@ -71,7 +133,7 @@ def match(points: Floats, candidates: Floats, free: set[int]) -> dict[int, int]:
         if not free:
             break
         rows = np.array(sorted(free), np.intp)
-        matched[row] = int(rows[np.linalg.norm(candidates[rows] - point, axis=1).argmin()])
+        matched[row] = int(rows[_nearest(candidates[rows], point)])
         free.remove(matched[row])
     return matched
 

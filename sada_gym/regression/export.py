@@ -29,7 +29,7 @@ from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import MAX_TOML_BYTES, file_errors, parse_toml, read_file, shown
 from sada_gym.ids import names_file
-from sada_gym.measures.groups import distinct, match, places, words
+from sada_gym.measures.groups import match, neighbourhoods, places, words
 from sada_gym.parameters import Mu
 from sada_gym.regression.compare import verdict_of
 from sada_gym.regression.suite import (
@@ -151,7 +151,7 @@ class _Chooser:
         failing = np.flatnonzero(self._fooled)
         chosen = [
             failing[rows[:MOST_IN_GROUP]]
-            for rows in distinct(self._points[failing], self._opened.dimension)[:MOST_GROUPS]
+            for rows in neighbourhoods(self._points[failing], self._opened.dimension)[:MOST_GROUPS]
         ]
         tried = self._confirmed(np.concatenate(chosen))
         groups = [[tried[row] for row in rows if tried[row].verdict == "fail"] for rows in chosen]

@@ -14,7 +14,7 @@ from toy import Toy
 from sada_gym.attack import attack
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.folder import read_samples
-from sada_gym.measures.groups import distinct, match, places, words
+from sada_gym.measures.groups import match, neighbourhoods, places, words
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.regression.export import export
 from sada_gym.regression.junit import junit, markdown
@@ -249,13 +249,13 @@ def test_what_does_not_fit_a_suite_is_one_sentence(toy, tmp_path):
         regress(tmp_path / "none", Toy(2))
 
 
-def test_distinct_groups_see_that_an_angle_goes_around():
+def test_neighbourhoods_see_that_an_angle_goes_around():
     around = ParameterSpace(
         Parameter("azimuth_deg", -180.0, 180.0, "deg", directions=("a", "b", "c", "d")),
         Parameter("x", 0.0, 1.0),
     )
     mu = np.array([[-0.98, 0], [0.97, 0.1], [0.0, 0], [0.05, 0.05], [0.02, 0]], np.float32)
-    groups = [sorted(rows.tolist()) for rows in distinct(places(mu, around), 2)]
+    groups = [sorted(rows.tolist()) for rows in neighbourhoods(places(mu, around), 2)]
     assert groups == [[2, 3, 4], [0, 1]]
 
 

@@ -41,7 +41,7 @@ def test_true_rules_are_found_and_others_false():
         "dimension": len(setting.space),
         "kinds": [weakness.kind for weakness in setting.planted],
         "found": {
-            "sada-gym": {**judged, "seconds": 1.0},
+            "sada-gym": {**judged, "seconds": 1.0, "groups": len(true) + 1},
             "PRIM": {**nothing, "seconds": 1.0},
             "decision tree": {**nothing, "seconds": 1.0},
         },
@@ -49,3 +49,4 @@ def test_true_rules_are_found_and_others_false():
     ours, prim = tables([row]).splitlines()[2:4]
     assert "| sada-gym | 100.0 % (" in ours
     assert "| PRIM | 0.0 % (" in prim
+    assert f"| {len(true)} | 1 | {len(true) + 1}.0 | 0.0 %" in tables([row])
