@@ -11,7 +11,7 @@ PIP_INSTALL = $(BIN)/python -m pip install -qq --no-compile -c constraints.txt
 UV_INSTALL = uv pip install --quiet --torch-backend cpu --python $(BIN)/python -c constraints.txt
 INSTALL = $(if $(UV),$(UV_INSTALL) $(1) || (echo "uv failed, so pip installs" && $(PIP_INSTALL) $(1)),$(PIP_INSTALL) $(1))
 
-.PHONY: help attack test test-all package lint docs bench results clean
+.PHONY: help attack test test-long test-all package lint docs bench results clean
 
 help:  ## what make can do
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,7 +35,10 @@ attack: $(VENV)/.package  ## attack the shipped detector with BBGAN
 	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
 
 test: $(VENV)/.installed  ## the fast tests
-	$(BIN)/pytest -m 'not slow' -n auto --maxprocesses 4 --dist worksteal
+	$(BIN)/pytest -m 'not slow and not long' -n auto --maxprocesses 4 --dist worksteal
+
+test-long: $(VENV)/.installed  ## examples, the pages' code, and what starts many processes
+	$(BIN)/pytest -m 'long and not slow' -n auto --maxprocesses 4 --dist worksteal
 
 test-all: $(VENV)/.installed  ## every test
 	$(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal

@@ -133,6 +133,7 @@ def users(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_processes_may_compile_at_once_and_the_next_one_compiles_nothing(users):
     kept = users / "kept"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(kept)}

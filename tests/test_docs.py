@@ -122,6 +122,7 @@ def commands(page: Path) -> Iterator[list[str]]:
             yield words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if any(blocks(page, "python"))], ids=lambda page: page.stem
 )
@@ -179,6 +180,7 @@ def test_no_empty_line_breaks_a_table(page: Path) -> None:
         assert re.fullmatch(r"\|([ :]*-+[ :]*\|)+", ruler), table
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(example: Path, tmp_path: Path) -> None:
     text = example.read_text(encoding="utf-8")
@@ -192,10 +194,12 @@ def test_examples_run(example: Path, tmp_path: Path) -> None:
         assert "fool" in run_script(script, *PATHS) or "before" in text
 
 
+@pytest.mark.long
 def test_the_example_application_keeps_the_contract(tmp_path: Path) -> None:
     run("-m", "sada_gym", "check", ROOT / "examples" / "own_application.py", folder=tmp_path)
 
 
+@pytest.mark.long
 def test_the_example_application_is_attacked_by_its_id(tmp_path: Path) -> None:
     command = "attack own_application:Braking-v0 --adversary random --samples 20 --workers 2"
     run("-m", "sada_gym", *command.split(), folder=tmp_path)

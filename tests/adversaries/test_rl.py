@@ -285,6 +285,7 @@ def test_bad_options_are_refused(name, options, message):
         adversaries.make(name, 2, **options)
 
 
+@pytest.mark.long
 def test_stable_baselines3_is_imported_only_to_train():
     code = "import sys; from sada_gym import adversaries;"
     code += f"[adversaries.make(name, 2) for name in {NAMES}];"

@@ -114,6 +114,7 @@ def test_what_looks_like_bad_input_stops_it_too(tmp_path, references):
     assert made(tmp_path / "entries") == []
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 def test_a_run_whose_process_is_killed_is_done_again(tmp_path, references, monkeypatch):
     chosen = suite("random", "bench_toys:Fragile", budgets=(60,))
@@ -180,6 +181,7 @@ def wait_for(condition, limit_s=120.0):
         time.sleep(0.01)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
 def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references):
     assert end_of(start(tmp_path / "whole", tmp_path / "whole.log", references, "0")) == 0

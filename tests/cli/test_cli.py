@@ -471,6 +471,7 @@ def test_values_are_json_or_text():
     }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii"])
 def test_a_summary_can_be_written_in_any_encoding(tmp_path, encoding):
     code = (
@@ -494,6 +495,7 @@ def test_a_summary_can_be_written_in_any_encoding(tmp_path, encoding):
     assert said == expected[encoding]
 
 
+@pytest.mark.long
 def test_a_terminal_of_unknown_width_and_a_deleted_folder(tmp_path):
     command = [sys.executable, "-m", "sada_gym", "adversaries"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "0"}
@@ -508,6 +510,7 @@ def test_a_terminal_of_unknown_width_and_a_deleted_folder(tmp_path):
     assert refused.stderr.startswith(b"Error: Expected a working directory, got one that was del")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 @pytest.mark.parametrize(
     ("workers", "sent", "code"), [(1, "SIGINT", 130), (2, "SIGINT", 130), (2, "SIGTERM", 143)]

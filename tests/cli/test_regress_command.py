@@ -140,6 +140,7 @@ def jobs() -> dict[str, str]:
     return {"github": textwrap.dedent(github[1]), "gitlab": gitlab[1]}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 @pytest.mark.parametrize("server", ["github", "gitlab"])
 def test_the_jobs_of_the_page_work_as_printed(folder, tmp_path, server):

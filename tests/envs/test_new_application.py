@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import sada_gym
 
 PACKAGE = Path(sada_gym.__file__).parent
@@ -47,6 +49,7 @@ print("all of it")
 """
 
 
+@pytest.mark.long
 def test_a_folder_and_a_line_make_an_application(tmp_path: Path) -> None:
     package = tmp_path / "sada_gym"
     (package / "envs").mkdir(parents=True)

@@ -86,6 +86,7 @@ def users_environment() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("env_id", "client", "method", "before"), CASES)
 def test_it_works_in_other_processes(
     env_id: str, client: str, method: str, before: str, tmp_path: Path

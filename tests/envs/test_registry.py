@@ -492,6 +492,7 @@ def test_a_bad_render_mode_gets_a_sentence(make: Any, render_mode: Any) -> None:
         make("SADA-Analytic-v0", render_mode=render_mode)
 
 
+@pytest.mark.long
 def test_racing_without_pybullet_says_what_to_install():
     code = (
         "import sys; sys.modules['pybullet'] = None; import gymnasium as gym, sada_gym; "

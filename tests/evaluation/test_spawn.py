@@ -74,6 +74,7 @@ def run(command: Sequence[str], folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_the_command_line_leaves_the_folders_files_alone(
     hostile: Path, tmp_path: Path, executor: str

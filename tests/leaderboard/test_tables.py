@@ -73,6 +73,7 @@ def test_the_whole_tables_say_what_the_entries_say(entries, suite, tmp_path):
     assert published.read_text(encoding="utf-8") == written, "run: python -m leaderboard.tables"
 
 
+@pytest.mark.long
 def test_an_entry_that_changes_changes_the_pages(entries):
     fewer = [entry for entry in entries if entry.metadata.name != "gp"]
     page = DOCS / "results" / "adversaries.md"
@@ -129,6 +130,7 @@ def test_a_figure_of_another_row_is_noticed():
     ]
 
 
+@pytest.mark.long
 def test_the_entries_pass_the_checks_and_are_of_today(entries):
     for entry in entries:
         check_entry(entry.folder, submission=False)

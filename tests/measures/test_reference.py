@@ -198,6 +198,7 @@ def differences(entry, application, reference, points):
     return differing
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "entry",
     family(SHIPPED, *(entry for entry in SHIPPED if entry.track in FAST_SETS)),

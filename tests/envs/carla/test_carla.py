@@ -359,6 +359,7 @@ def unbroken(tmp_path_factory):
     return contents(run)
 
 
+@pytest.mark.long
 def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, monkeypatch, unbroken):
     for module in (routes, application_module):  # five take as many times as long
         monkeypatch.setattr(module, "ROUTES", 1)
@@ -377,6 +378,7 @@ def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, monk
     assert contents(run) == unbroken
 
 
+@pytest.mark.long
 def test_workers_share_the_servers_of_an_attack(tmp_path, unbroken):
     run, log = tmp_path / "run", tmp_path / "log"
     code, errors = attack_elsewhere(

@@ -42,6 +42,7 @@ def grey(picture):
     return picture.astype(float).mean(2)
 
 
+@pytest.mark.long
 def test_equal_scenes_give_equal_bytes_in_any_order_and_process(blender):
     scenes = [scene("car", 1, MU[0]), scene("chair", 2, MU[1]), scene("car", 3, MU[2])]
     first = [picture.image for picture in blender.render_batch(scenes, SIZE)]
@@ -184,6 +185,7 @@ def test_textures_lie_as_the_model_says(blender):
     assert [int(np.argmax(pixel)) for pixel in corner.values()] == [0, 1, 2]
 
 
+@pytest.mark.long
 def test_glass_lets_light_through_and_paint_takes_the_scenes_colour(blender):
     middle = (slice(28, 36), slice(28, 36))
     solid = seen(blender, Surface("solid", colour=(0.9, 0.1, 0.1))).image[middle]
@@ -230,6 +232,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.long
 def test_a_killed_run_leaves_no_folder_behind(tmp_path):
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", KILLED], env=environment, check=False)

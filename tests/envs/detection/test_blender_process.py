@@ -180,6 +180,7 @@ def test_the_identity_tells_versions_and_samples_apart(blender, monkeypatch):
     assert '"blender": "4.2.1"' in few.identity
 
 
+@pytest.mark.long
 def test_workers_start_a_blender_each_and_end_it(fake, tmp_path):
     scores = []
     for workers in (1, 2):
@@ -250,6 +251,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
 def test_blender_goes_with_its_parent(fake, tmp_path, sign):
     parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True)

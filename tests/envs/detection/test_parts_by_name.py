@@ -68,6 +68,7 @@ def test_stores_tell_parts_and_their_versions_apart(toy_rows, monkeypatch):
     assert len(set(keys)) == 4
 
 
+@pytest.mark.long
 def test_workers_make_the_parts_themselves():
     keywords = {"renderer": "toy_parts:Flat", "shapes": "toy_parts:first_two"}
     scores = []

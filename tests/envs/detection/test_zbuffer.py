@@ -156,6 +156,7 @@ def digest():
     return pictures.hexdigest()
 
 
+@pytest.mark.long
 def test_pictures_are_the_same_whatever_processor_the_kernels_are_compiled_for(tmp_path):
     """With a generic target there is neither AVX nor a fused multiplication and addition."""
     environment = os.environ | {

@@ -71,6 +71,7 @@ def test_golden_trips():
     np.testing.assert_allclose(left, [metres for _, metres in GOLDEN], atol=1e-3)
 
 
+@pytest.mark.long
 def test_the_privileged_driver_says_what_can_be_reached():
     application = blind()
     mu, seeds = draw_worlds(application, 3, 0)

@@ -79,6 +79,7 @@ state = { kind = "attribute", low = 0.5, high = 2, factor = true, paths = "state
     assert nominal == pytest.approx([0.5, 1.0, 0.5, 0.0], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_density_in_a_file_tells_how_often_the_agent_fails_in_use(pole, tmp_path):
     use = "{ 'truncated-normal' = [9.8, 2.0, 5.0, 20.0] }"
     table = f'gravity = {{ kind = "attribute", low = 5, high = 20, nominal = {use} }}'

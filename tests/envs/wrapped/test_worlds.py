@@ -142,6 +142,7 @@ def test_a_store_of_before_opens_and_keeps_its_scores(tmp_path):
         assert oracle.invalid == {}
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_in_one_world_costs_that_world_alone(tmp_path):
     fault = "segfault"
     mu = one_that_breaks()
@@ -161,6 +162,7 @@ def test_a_worker_that_dies_in_one_world_costs_that_world_alone(tmp_path):
         assert (oracle(mu) == scores).all()
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_ends_a_run_that_must_not_break(tmp_path):
     application = breaking("os._exit", on_error="raise")
     with (
@@ -170,6 +172,7 @@ def test_a_worker_that_dies_ends_a_run_that_must_not_break(tmp_path):
         oracle(one_that_breaks())
 
 
+@pytest.mark.long
 def test_a_world_that_hangs_is_stopped():
     mu = one_that_breaks()
     bad = breaking("raises").evaluate(mu, evaluation_seeds(0, "train", 0, 12)).invalid

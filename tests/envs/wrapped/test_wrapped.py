@@ -151,6 +151,7 @@ def test_settings_and_fingerprint_tell_applications_apart():
     assert mine(toys.flat_cart_pole, agent=model).fingerprint is None
 
 
+@pytest.mark.long
 def test_workers_tell_of_clipped_returns_once(tmp_path, capfd):
     application = cart_pole(score=("return", 0.0, 20.0))
     with warnings.catch_warnings(record=True) as caught:
