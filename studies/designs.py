@@ -4,11 +4,12 @@
     python -m studies.designs --family rl --seeds 2
 
 The tracks are analytic boxes and synthetic landscapes with a random world: of `waves-P` P % of
-uniform mu fool, and of `luck-5` five, which mostly do not fool again. The family `level-set` has
-more: two detection classes (car and chair, which are training tracks for that reason) with both
-agents, and images of the digits 0 to 4. `digits-D-K` is the first test image of the digit K that D
-parameters can harm, with the threshold at the lowest tenth of its scores, which often lies at 1e-4.
-The digits 5 to 9 are held out:
+uniform mu fool, and of `luck-5` five, which mostly do not fool again. In `smooth-D-I-O` and
+`spots-D-I-O` nothing but luck decides: I % of the mu in the fooling set fool, O % elsewhere, in D
+dimensions (`lucky_landscapes.py`). The family `level-set` has more: two detection classes (car and
+chair, which are training tracks for that reason) with both agents, and images of the digits 0 to 4.
+`digits-D-K` is the first test image of the digit K that D parameters can harm, with the threshold
+at the lowest tenth of its scores, which often lies at 1e-4. The digits 5 to 9 are held out:
 
     python -m studies.designs --designs --adversaries level-set trees --budget 1000 --samples 250 \\
         --tracks digits-{2,3,4,6}-{5,6,7,8,9} --seeds 3
@@ -52,6 +53,7 @@ from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import load_reference
 from sada_gym.testing.scales import scales
 from studies.landscapes import THRESHOLD, FunctionOracle, Landscape
+from studies.lucky_landscapes import LuckyLandscape
 
 PLAIN: dict[str, Any] = {"starts": "centre", "dissimilarity": 0.0}
 NO_BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.0}
@@ -113,6 +115,7 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "own samples, a quarter": ("studies.acquisitions:Own", {}),
         "own samples, half": ("studies.acquisitions:OwnHalf", {}),
         "own samples, last round": ("studies.acquisitions:OwnLast", {}),
+        "checked hits": ("studies.checked_hits:CheckedHits", {}),
         "no active queries": ("level-set", {"rounds": 0}),
         "a quarter uniform": ("level-set", {"uniform": 0.25}),
         "eight rounds": ("level-set", {"rounds": 8}),
@@ -200,6 +203,15 @@ def landscape(make: Callable[[], Landscape]) -> Track:
     return analytic(8, make, make().fooling_rate)
 
 
+def lucky(shape: str, dimension: int, inside: int, outside: int) -> Track:
+    def make() -> LuckyLandscape:
+        return LuckyLandscape(
+            0, shape=shape, dimension=dimension, inside=inside / 100, outside=outside / 100
+        )
+
+    return analytic(dimension, make, make().fooling_rate)
+
+
 def detection(object_class: str, agent: str | None, workers: int) -> Track:
     track = f"SADA-Detection-{object_class}-v0"
     evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {}, workers=workers)
@@ -261,6 +273,8 @@ def load(name: str, workers: int) -> Track:
         return waves(int(number))
     if kind == "luck":
         return landscape(lambda: Landscape(5, rate=int(number) / 100, noise=1.0))
+    if kind in ("smooth", "spots"):
+        return lucky(kind, *map(int, number.split("-")))
     object_class, _, agent = name.partition(":")
     return detection(object_class, agent or None, workers)
 

@@ -88,8 +88,12 @@ class LevelSet(FittedAdversary):
             if part:
                 surrogate = self._fit_surrogate(queries, self.rng)
                 pool = self._uniform(max(_pool_size(budget), 4 * part))
-                queries += evaluate(self._choose(surrogate, pool, part), oracle)
+                queries += evaluate(self._next(queries, surrogate, pool, part), oracle)
         return queries
+
+    def _next(self, queries: Evaluations, surrogate: Surrogate, pool: Mu, count: int) -> Mu:  # noqa: ARG002
+        """Choose the queries of a round, by a surrogate of those so far: (count, d)."""
+        return self._choose(surrogate, pool, count)
 
     def _fit_surrogate(self, queries: Evaluations, rng: np.random.Generator) -> Surrogate:
         return Surrogate(queries.mu, queries.score, self.threshold, rng, self.options.models)

@@ -112,7 +112,8 @@ class Surrogate:
     dimensions, a Gaussian process smooth ones. A logistic regression of what fooled on both
     predictions, each made without the point itself, weighs them (stacking, Wolpert 1992) and
     calibrates them (Platt 1999). Where fewer than 20 queries fool, the threshold is raised to the
-    20th lowest score, as in the cross-entropy method: it is `raised`.
+    20th lowest score, as in the cross-entropy method: it is `raised`. `held_out`, (n,), is the
+    probability of each mu that it learnt from, predicted without it.
     """
 
     def __init__(
@@ -129,6 +130,7 @@ class Surrogate:
         self.raised = level > threshold
         fooled = score <= level
         self._stack: LogisticRegression | None = None
+        self.held_out: Floats = np.ones(len(score))
         if fooled.all():
             return
         y = rankdata(score) / len(score)
@@ -139,6 +141,7 @@ class Surrogate:
             self._centre, self._scale = predicted.mean(axis=0), predicted.std(axis=0) + 1e-12
             standard = (predicted - self._centre) / self._scale
             self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
+            self.held_out = self._stack.predict_proba(standard)[:, 1]
 
     def __call__(self, mu: AnyFloats) -> Floats:
         """Return the probability of fooling at mu (m, d): (m,)."""

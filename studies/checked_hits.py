@@ -1,0 +1,165 @@
+"""`level-set` that checks its hits: it asks next to them, and samples there where that fools more.
+
+A hit is a query that fooled. Where luck counts, a hit may have been luck, and a surrogate of a
+thousand queries may not see the shape of the fooling set. Then a hit that was checked says more
+about the world beside it than the surrogate does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from sada_gym.adversaries.level_set import LevelSet, LevelSetOptions
+from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.surrogate import Surrogate
+from sada_gym.adversaries.options import option
+from sada_gym.adversaries.query_pool import draw_permitted
+from sada_gym.arrays import AnyFloats, Bools, Floats, Indices
+from sada_gym.evaluations import Evaluations
+from sada_gym.parameters import Mu
+
+_MAX_CHECKS = 2
+_MIN_CHECKED = 10
+
+
+@dataclass(frozen=True)
+class CheckedHitsOptions(LevelSetOptions):
+    """The options of `level-set`, and those of its checks.
+
+    Attributes:
+        checks: The largest share of a round that checks hits; 0 never does.
+        width: The standard deviation of a step from a hit, in each parameter.
+        keep: The least chance to fool again of a hit that samples lie beside.
+    """
+
+    checks: float = option(0.5, 0, 1)
+    width: float = option(0.03, 0, 1, inside=True)
+    keep: float = option(0.55, 0, 1)
+
+
+class Hits:
+    """The queries that fooled, and what the queries close to them say of the chance to do so again.
+
+    A later hit within the radius of an earlier one is no hit of its own: it checks the earlier one.
+
+    Args:
+        mu: All queries in their order, (n, d).
+        fooled: Which of them fooled, (n,).
+        chance: The chance that each fools, predicted without it, (n,).
+        radius: How close a query is that checks a hit.
+
+    Attributes:
+        mu: The hits, (h, d).
+        chance: Their chances to fool again: the mean of the prediction and of the outcomes at the
+            hit and within the radius, (h,).
+    """
+
+    def __init__(self, mu: Floats, fooled: Bools, chance: Floats, radius: float) -> None:
+        rows = np.flatnonzero(fooled)
+        close = cdist(mu[rows], mu[rows]) <= radius
+        first: list[int] = []
+        for i in range(len(rows)):
+            if not close[i, first].any():
+                first.append(i)
+        self.mu = mu[rows[first]]
+        self._close = cdist(self.mu, mu) <= radius
+        self._own = np.zeros_like(self._close)
+        self._own[np.arange(len(first)), rows[first]] = True
+        self._fooled, self._prior = fooled.astype(np.float64), chance[rows[first]]
+        self._queries = self._close.sum(axis=1)
+        self._fooling = self._close @ self._fooled
+        self.chance: Floats = (self._prior + self._fooling) / (1 + self._queries)
+
+    def to_check(self, count: int) -> Indices:
+        """Choose the hits to check, at most twice as many as there are: (count,) rows.
+
+        Each check goes where chance (1 - chance) is highest, for so many queries close by.
+        """
+        doubt, queries = self.chance * (1.0 - self.chance), self._queries.astype(np.float64)
+        chosen = []
+        for _ in range(min(count, _MAX_CHECKS * len(self.mu))):
+            chosen.append(int(np.argmax(doubt / (1.0 + queries))))
+            queries[chosen[-1]] += 1.0
+        return np.array(chosen, np.intp)
+
+    def rate(self, keep: float) -> float:
+        """Estimate how often a mu beside a hit fools, if the hit's chance is at least `keep`.
+
+        A check counts where the other outcomes alone would have kept the hit, and the checks of a
+        hit weigh as much as those of any other. Fewer than ten hits so checked give 0.
+        """
+        hit, query = np.nonzero(self._close & ~self._own)
+        outcome = self._fooled[query]
+        others = ((self._prior + self._fooling)[hit] - outcome) / self._queries[hit]
+        kept = others >= keep
+        if len(np.unique(hit[kept])) < _MIN_CHECKED:
+            return 0.0
+        weight = 1.0 / (self._queries[hit[kept]] - 1)
+        return float(np.average(outcome[kept], weights=weight))
+
+    def kept(self, keep: float) -> Floats:
+        """Return the hits of at least a chance: (m, d)."""
+        return self.mu[self.chance >= keep]
+
+
+class CheckedHits(LevelSet):
+    """A part of each round asks close to hits; samples lie there if they fool more often.
+
+    The part is the share of the level set's samples that are predicted not to fool. See
+    `CheckedHitsOptions`.
+    """
+
+    name: ClassVar[str] = "checked-hits"
+    options_class = CheckedHitsOptions
+    options: CheckedHitsOptions
+
+    def _next(self, queries: Evaluations, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
+        checks = self._checks(queries, surrogate, pool, count)
+        chosen = super()._next(queries, surrogate, pool, count - len(checks))
+        return np.concatenate([checks, chosen])
+
+    def _checks(self, queries: Evaluations, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
+        hits = self._hits(queries, surrogate)
+        if surrogate.raised or not len(hits.mu):
+            return self._uniform(0)
+        p = surrogate(pool)
+        level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
+        misses = 1.0 - float(p[p >= level].mean())
+        rows = hits.to_check(int(min(misses, self.options.checks) * count))
+        return self._beside(hits.mu[rows])
+
+    def _hits(self, queries: Evaluations, surrogate: Surrogate) -> Hits:
+        radius = 2.0 * self.options.width * np.sqrt(self.dimension)
+        fooled = queries.fooled(self.threshold)
+        return Hits(queries.mu.astype(np.float64), fooled, surrogate.held_out, radius)
+
+    def _fit(self, queries: Evaluations) -> None:
+        super()._fit(queries)
+        self._centres = np.zeros((0, self.dimension))
+        if self._surrogate.raised or not self.options.checks:
+            return
+        hits = self._hits(queries, self._surrogate)
+        if hits.rate(self.options.keep) > self._surrogate(self._starts).mean():
+            self._centres = hits.kept(self.options.keep)
+
+    def _draw(self, n: int) -> AnyFloats:
+        if not len(self._centres):
+            return super()._draw(n)
+        # each hit equally often, so that samples are as even as the hits
+        turns = -(-n // len(self._centres))
+        order = [self.rng.permutation(len(self._centres)) for _ in range(turns)]
+        return self._beside(self._centres[np.concatenate(order)[:n]])
+
+    def _beside(self, centres: Floats) -> Mu:
+        """Step once from each centre, (n, d), or from some twice where a step is not permitted."""
+
+        def step(count: int) -> Mu:
+            around = np.resize(centres, (count, self.dimension))
+            moved = around + self.options.width * self.rng.normal(size=around.shape)
+            return reflect(moved).astype(np.float32)
+
+        return draw_permitted(step, len(centres), self._permits)

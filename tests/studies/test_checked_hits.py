@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from sada_gym.adversaries.level_set import LevelSet
+from studies.checked_hits import CheckedHits, Hits
+from studies.landscapes import FunctionOracle
+from studies.lucky_landscapes import LuckyLandscape
+
+
+def test_a_query_close_to_an_earlier_hit_checks_it():
+    mu = np.array([[0.0], [0.5], [0.05], [0.06], [-0.8]])
+    fooled = np.array([True, False, False, True, True])
+    hits = Hits(mu, fooled, np.array([0.2, 0.9, 0.9, 0.9, 0.5]), radius=0.1)
+    assert hits.mu[:, 0].tolist() == [0.0, -0.8]
+    # the prediction, the hit itself, and two checks of which one fooled; then no check
+    assert hits.chance == pytest.approx([(0.2 + 2) / 4, (0.5 + 1) / 2])
+
+
+def test_checks_go_where_a_hit_is_most_in_doubt_and_each_is_counted():
+    hits = Hits(np.array([[-0.5], [0.5]]), np.ones(2, bool), np.array([0.1, 0.5]), radius=0.1)
+    assert hits.to_check(1).tolist() == [0]
+    assert sorted(hits.to_check(3).tolist()) == [0, 0, 1]
+    assert len(hits.to_check(100)) == 4
+
+
+def test_the_rate_beside_hits_is_estimated_from_checks_that_took_no_part_in_the_choice():
+    rng = np.random.default_rng(1)
+    centres = np.linspace(-1.0, 1.0, 200)[:, None]
+    lasting = np.arange(200) < 100  # the others fooled by luck, and never again
+    checks = np.repeat(centres, 3, axis=0) + 1e-4
+    outcomes = np.repeat(lasting, 3) & (rng.random(600) < 0.8)
+    mu = np.concatenate([centres, checks])
+    fooled = np.concatenate([np.ones(200, bool), outcomes])
+    hits = Hits(mu, fooled, np.full(800, 0.3), radius=1e-3)
+    assert hits.rate(0.5) == pytest.approx(outcomes[:300].mean(), abs=0.02)
+    assert len(hits.kept(0.5)) == (outcomes.reshape(-1, 3).sum(axis=1) > 1).sum()
+    assert Hits(mu[:203], fooled[:203], np.full(203, 0.3), radius=1e-3).rate(0.5) == 0.0
+
+
+def train(adversary, landscape):
+    adversary.train(FunctionOracle(landscape, 400))
+    return landscape.fooling_rate(adversary.sample(200)).mean()
+
+
+@pytest.mark.slow
+def test_it_fools_more_often_where_luck_hides_many_spots():
+    rates = [
+        train(
+            make(5, seed=0, rounds=2, models=["process"]),
+            LuckyLandscape(0, shape="spots", dimension=5),
+        )
+        for make in (LevelSet, CheckedHits)
+    ]
+    assert rates[1] > rates[0] + 0.1
+
+
+def test_where_the_level_set_fools_as_often_its_samples_stay():
+    adversary = CheckedHits(2, seed=0, rounds=2, models=["process"])
+    adversary.train(FunctionOracle(lambda mu: (mu[:, 0] + 1.0) / 2.0, 200))
+    assert not len(adversary._centres)
+
+
+@pytest.mark.parametrize("shape", ["smooth", "spots"])
+def test_the_landscape_fools_as_often_as_it_says(shape):
+    landscape = LuckyLandscape(1, shape=shape, dimension=3, inside=0.7, outside=0.1)
+    mu = np.random.default_rng(0).uniform(-1.0, 1.0, (20_000, 3))
+    rate = landscape.fooling_rate(mu)
+    assert set(rate) == {0.1, 0.7}
+    assert (rate == 0.7).mean() == pytest.approx(0.15, abs=0.05)
+    assert (landscape(mu) <= 0.3).mean() == pytest.approx(rate.mean(), abs=0.01)
