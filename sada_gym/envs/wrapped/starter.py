@@ -21,6 +21,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.wrappers import TimeLimit
 
 from sada_gym.arrays import Floats
 from sada_gym.determinism import generators_kept, one_thread
@@ -28,7 +29,7 @@ from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.bindings import Attribute, Config, Keyword, ParameterBinding
 from sada_gym.envs.wrapped.disturbances import ActionDelay, ObservationDelay, ObservationNoise
-from sada_gym.envs.wrapped.factory import EnvFactory
+from sada_gym.envs.wrapped.factory import EnvFactory, layers
 from sada_gym.envs.wrapped.paths import read
 from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
 from sada_gym.envs.wrapped.toml import KINDS
@@ -36,6 +37,9 @@ from sada_gym.errors import FileError, UserError, explained
 
 EPISODES = 20
 """Nominal episodes of the agent, and as many of random actions, that a guess rests on."""
+
+LIMIT = 1000
+"""The limit of steps where an environment has no `TimeLimit` and the user names none."""
 
 MAX_PARAMETERS = 6
 """Parameters that a file proposes; others stand in it as comments."""
@@ -95,7 +99,8 @@ def starter_file(
         env_id: The environment's id, or `module:id`.
         agent: The file of the agent.
         env_kwargs: Keywords that every environment gets.
-        max_steps: The limit of steps of an episode; None keeps the environment's own.
+        max_steps: The limit of steps of an episode; None keeps the environment's own, or takes
+            `LIMIT` where it has no `TimeLimit`.
         folder: Where the file will lie: the agent's path is written relative to it.
 
     Raises:
@@ -105,12 +110,12 @@ def starter_file(
     if not agent.is_file():
         raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
     keywords = dict(env_kwargs or {})
-    factory = EnvFactory(env_id, keywords, max_steps)
+    factory, limits = _limited(EnvFactory(env_id, keywords, max_steps))
     make = partial(
         GymnasiumApplication,
         env_id,
         fooling_threshold=0.5,
-        max_steps=max_steps,
+        max_steps=factory.max_steps,
         env_kwargs=keywords,
         agent_id="starter",
     )
@@ -133,7 +138,16 @@ def starter_file(
     text = _toml(factory, named, score, threshold, chosen, others, trials.dead)
     listed = ", ".join(candidate.name for candidate in chosen)
     ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
-    return StarterFile(text, (f"Parameters: {listed}. {ranges} what can happen.", *notes))
+    return StarterFile(text, (f"Parameters: {listed}. {ranges} what can happen.", *limits, *notes))
+
+
+def _limited(factory: EnvFactory) -> tuple[EnvFactory, list[str]]:
+    """Return a factory whose episodes have a limit of steps, and what was guessed."""
+    with closing(factory.make({})) as env:
+        if any(isinstance(layer, TimeLimit) for layer in layers(env)):
+            return factory, []
+    note = f"{factory.name} has no TimeLimit, so the file ends an episode after {LIMIT:,} steps."
+    return replace(factory, max_steps=LIMIT), [note]
 
 
 class _Trials:

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from sada_gym.attack import attack
 from sada_gym.cli import app
+from sada_gym.envs.wrapped import starter
 from sada_gym.envs.wrapped.starter import starter_file
 from sada_gym.errors import UserError
 from sada_gym.files import read_toml
@@ -70,6 +71,19 @@ def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
     assert f"Then: sada-gym attack {file}" in result.stdout
     done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=8, pictures=False)
     assert len(done.samples) == 8
+
+
+def test_an_environment_without_a_limit_of_steps_gets_one(agent, tmp_path, monkeypatch):
+    monkeypatch.setattr(starter, "LIMIT", 12)
+    gym.register("Endless-v0", entry_point=Slide)
+    try:
+        file = tmp_path / "endless.toml"
+        result = invoke("Endless-v0", "--agent", agent, "--out", file)
+        assert result.exit_code == 0, result.output
+        assert "has no TimeLimit, so the file ends an episode after 12 steps" in result.output
+        assert read_toml(file)["max_steps"] == 12
+    finally:
+        del gym.registry["Endless-v0"]
 
 
 def test_the_threshold_lies_between_the_agent_and_random_actions(tmp_path, agent, monkeypatch):
