@@ -19,6 +19,7 @@ from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_sheet import png_of
 from sada_gym.plots.failures import NotDrawnError, draw_failures
 from sada_gym.plots.influence import influence
+from sada_gym.plots.sphere import sphere, spheres_of
 from sada_gym.plots.style import (
     ACCENT,
     FOOLED,
@@ -61,8 +62,9 @@ def draw_attack(
     The sheet of failures, with the headline on top, is left out where the application draws no
     frames, where its drawing fails, or where no sample fooled the agent; the curves of P(failure)
     where there are too few worlds; the map of queries (Omega) and samples is drawn in two
-    dimensions only. `on_progress` is called after each frame with the
-    numbers of frames drawn and of all frames, and `on_frame` with the sample's row and the frame.
+    dimensions only, and the sphere where parameters are directions around an object.
+    `on_progress` is called after each frame with the numbers of frames drawn and of all frames, and
+    `on_frame` with the sample's row and the frame.
     """
     space, threshold = application.parameters, application.fooling_threshold
     figures = {
@@ -72,9 +74,11 @@ def draw_attack(
     worlds = Evaluations.joined([queries, samples]).valid
     model = fit_failures(worlds.mu, worlds.fooled(threshold))
     if model is not None:
-        figures["influence.png"] = influence(space, model)
+        figures["influence.png"] = influence(space, model, samples, threshold)
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
+    if spheres_of(space):
+        figures["sphere.png"] = sphere(space, samples, threshold)
     for name, figure in figures.items():
         write_file(folder / name, png(figure))
     names = [*figures]

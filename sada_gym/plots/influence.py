@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym.arrays import Floats
+from sada_gym.evaluations import Evaluations
 from sada_gym.frames import INK, MUTED
 from sada_gym.measures.sensitivity import FailureModel, Influence
 from sada_gym.parameters import ParameterSpace
-from sada_gym.plots.style import ACCENT, axis_label, new_figure, places, span, tidy
+from sada_gym.plots.style import ACCENT, FOOLED, UNHURT, axis_label, new_figure, places, span, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,10 +21,12 @@ MAX_CURVES = 7
 """Parameters whose curves are drawn, those that matter most."""
 
 
-def influence(space: ParameterSpace, model: FailureModel) -> Figure:
+def influence(
+    space: ParameterSpace, model: FailureModel, samples: Evaluations, threshold: float
+) -> Figure:
     """Draw P(failure | value) for each parameter, with a band of 90 %, and a map of the first two.
 
-    All other parameters are uniform.
+    All other parameters are uniform. The samples lie on the map.
     """
     influences = model.influences(space.names)
     shown = influences[:MAX_CURVES]
@@ -40,6 +43,7 @@ def influence(space: ParameterSpace, model: FailureModel) -> Figure:
         axes.set_ylabel("P(failure) (%)")
     if len(shown) > 1:
         _draw_map(grid.flat[panels - 1], space, model, shown)
+        _draw_samples(grid.flat[panels - 1], space, samples, threshold, shown)
     title = "How the chance of failing changes with each parameter"
     if len(shown) < len(space):
         title += f": the {len(shown)} that matter most of {len(space)}"
@@ -76,6 +80,31 @@ def _draw_map(
     tidy(axes)
     span(axes, "x", space.parameters[i])
     span(axes, "y", space.parameters[j])
+
+
+def _draw_samples(
+    axes: Axes,
+    space: ParameterSpace,
+    samples: Evaluations,
+    threshold: float,
+    shown: tuple[Influence, ...],
+) -> None:
+    values, fooled = space.physical(samples.mu), samples.fooled(threshold)
+    i, j = (space.names.index(row.parameter) for row in shown[:2])
+    x, y = (places(space.parameters[k], values[:, k]) for k in (i, j))
+    for rows, colour, marker in ((~fooled, UNHURT, "o"), (fooled, FOOLED, "^")):
+        axes.scatter(
+            x[rows],
+            y[rows],
+            s=12,
+            color=colour,
+            marker=marker,
+            edgecolors="white",
+            linewidths=0.4,
+            clip_on=False,
+        )
+    said = "triangles: samples that fool; discs: others"
+    axes.set_title(said, loc="left", fontsize=9, color=MUTED)
 
 
 def _physical(space: ParameterSpace, i: int, mu: Floats) -> Floats:

@@ -24,6 +24,7 @@ THUMBNAILS_FILE = "thumbnails.zip"
 _WIDTH, _HEIGHT, _QUALITY = 560, 480, 68
 _MOST_BYTES = 6_000_000
 """The most bytes of pictures: a report, which writes them as text, stays below 10 MB."""
+_MOST_PLOT_BYTES = 500_000
 _MOST_DRAWN, _SHARE = 24, 50
 """An attack draws a further picture for so many evaluations each, and not more than 24."""
 
@@ -56,6 +57,17 @@ def picture_of(frame: Frame) -> bytes:
     image.thumbnail((_WIDTH, _HEIGHT))
     image.save(buffer, "webp", quality=_QUALITY)
     return buffer.getvalue()
+
+
+def plot_of(path: Path) -> bytes | None:
+    """Return a plot of the run as a WebP without losses; None where it is missing or damaged."""
+    buffer = io.BytesIO()
+    try:
+        with Image.open(path) as image:
+            image.convert("RGB").save(buffer, "webp", lossless=True)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    return buffer.getvalue() if buffer.tell() <= _MOST_PLOT_BYTES else None
 
 
 def read_thumbnails(folder: Path) -> dict[str, bytes]:

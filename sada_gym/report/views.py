@@ -12,10 +12,15 @@ from functools import cached_property
 from sada_gym.diagnosis.record import Rate, Weakness
 from sada_gym.experiment.summary import summary_rows
 from sada_gym.report.run import ReportedRun, highlights
-from sada_gym.report.thumbnails import World
+from sada_gym.report.thumbnails import World, plot_of
 from sada_gym.report.worlds import parameters_of
 
 _MOST_VALUES = 8
+_PLOTS = {
+    "sphere.png": "The samples around the object, seen from above",
+    "influence.png": "The chance of failing along each parameter, and a map of the two that matter "
+    "most with the samples on it",
+}
 
 
 @dataclass(frozen=True)
@@ -122,6 +127,12 @@ class RunView:
         """The ids of the pictures on the first screen, by the worlds' keys."""
         keys = dict.fromkeys(p.key for finding in self.findings for p in finding.pictures)
         return {key: f"{self.letter}p{i}" for i, key in enumerate(keys)}
+
+    @cached_property
+    def plots(self) -> tuple[tuple[str, str], ...]:
+        """What the run's plots show of where it fails, and their sources; those that there are."""
+        found = ((text, plot_of(self.run.folder / name)) for name, text in _PLOTS.items())
+        return tuple((text, data_uri(plot)) for text, plot in found if plot is not None)
 
     @property
     def more(self) -> list[tuple[str, str]]:

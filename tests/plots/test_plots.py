@@ -17,6 +17,7 @@ from sada_gym.plots.attack import (
     scatter,
     score_histogram,
 )
+from sada_gym.plots.sphere import sphere, spheres_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -33,6 +34,24 @@ def test_all_pictures(tmp_path, monkeypatch):
     assert names == ["marginals.png", "scores.png", "influence.png", "fooled.png"]
     for name in names:
         assert (tmp_path / name).read_bytes().startswith(PNG)
+
+
+def test_samples_lie_on_the_sphere_around_the_object():
+    around = ("in front", "on the left", "behind", "on the right")
+    space = ParameterSpace(
+        Parameter("camera_azimuth_deg", -180.0, 180.0, "deg", directions=around),
+        Parameter("size_m", 0.0, 1.0, "m"),
+        Parameter("camera_pitch_deg", -20.0, 90.0, "deg"),
+        Parameter("wind_azimuth_deg", -180.0, 180.0, "deg", directions=around),
+    )
+    assert spheres_of(space) == [(0, 2)]
+    samples = Evaluations(
+        np.array([[0, 0, 1, 0], [0.5, 0, -1, 0]], np.float32), np.array([0.1, 0.9]), np.arange(2)
+    )
+    (axes,) = sphere(space, samples, 0.3).axes
+    passed, fooled = (one.get_offsets() for one in axes.collections)
+    np.testing.assert_allclose(fooled, [[0.0, 0.0]], atol=1e-6)  # the zenith is in the middle
+    np.testing.assert_allclose(passed, [[np.pi / 2, axes.get_rmax()]], rtol=1e-6)
 
 
 def test_the_same_data_give_the_same_bytes(tmp_path):

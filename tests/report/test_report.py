@@ -82,9 +82,11 @@ def test_the_first_screen_needs_no_program(digits):
     assert f"{100 * digits.report.afr:.1f} %" in before
     assert "uniform worlds" in before
     assert " ".join(digits.diagnosis.sentence.split()) in before
-    pictures = shown.all("img")
+    images = shown.all("img")
+    assert all(one["src"].startswith("data:image/webp;base64,") for one in images)
+    pictures = [one for one in images if "data-plot" not in one]
     assert pictures
-    assert all(one["src"].startswith("data:image/webp;base64,") for one in pictures)
+    assert len(images) == len(pictures) + 1, "the map of the two parameters that matter most"
     assert all("rotation" in one["alt"] and "Q = " in one["alt"] for one in pictures)
 
 
