@@ -128,6 +128,28 @@ def _pair(row: Row | None) -> Cell:
     return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
 
 
+def by_track(headline: Headline, entries: Sequence[Entry]) -> Iterator[str]:
+    """Show each adversary's AFR / coverage on each track that has a verified result."""
+    verified = _verified(headline.suite, headline.table, tuple(entries))
+    found = verified.find(headline.table, headline.agent)
+    if found is None:
+        yield "No verified result yet."
+        return
+    on_tracks = {
+        _class_of(track): {row.label: row for row in rows} for track, rows in found.by_track.items()
+    }
+    lines = (
+        (text_cell(row.label), *(_pair(rows.get(row.label)) for rows in on_tracks.values()))
+        for row in found.rows
+    )
+    yield from titled_table(("adversary", *on_tracks), lines)
+
+
+def _class_of(track: str) -> str:
+    """Return the part of a track's id that tells it from others: SADA-DetectionCoco-Car-v0: Car."""
+    return track.split("-")[-2]
+
+
 def on_track(
     name: str, track: str, labels: Sequence[str], entries: Sequence[Entry]
 ) -> Iterator[str]:
@@ -167,7 +189,7 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
         for name, headline in HEADLINES.items()
     },
     **{  # on the environment's own page
-        suite.name: (f"environments/{suite.name}.md", partial(compared, _headline(card, suite)))
+        suite.name: (f"environments/{suite.name}.md", partial(by_track, _headline(card, suite)))
         for card, suite in _WITH_SUITE
         if not suite.overview
     },
