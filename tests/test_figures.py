@@ -91,6 +91,7 @@ def test_the_agents_that_are_compared_are_those_of_the_cards(application: str, a
     assert any(numbers(row) <= rows(card)[""] for row in shipped)
 
 
+@pytest.mark.long
 def test_the_example_of_a_citation_is_what_the_board_says() -> None:
     (row,) = (
         row

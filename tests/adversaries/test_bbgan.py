@@ -36,6 +36,7 @@ def attack(adversary, application, budget=2000, n=1000):
     return application.fooling_region(adversary.sample(n))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("dimension", "afr", "each"),
     [
@@ -52,6 +53,7 @@ def test_covers_all_fooling_regions(dimension, afr, each):
     assert (np.bincount(region[region >= 0], minlength=4) / len(region)).min() >= each
 
 
+@pytest.mark.long
 def test_leads_random_where_the_world_is_random_and_boosting_is_no_worse():
     rate = {}
     for kind in (BBGAN, BoostedBBGAN):

@@ -121,6 +121,7 @@ def test_missing_ribs_is_named_with_its_remedy_before_any_query(monkeypatch):
     assert oracle.remaining == 50
 
 
+@pytest.mark.long
 def test_ribs_is_imported_only_to_train():
     code = "import sys; from sada_gym.adversaries.cma_mae import CMAMAE; CMAMAE(2);"
     code += "sys.exit('ribs' in sys.modules)"

@@ -47,6 +47,7 @@ def test_fools_and_covers_separate_regions(dimension, budget):
     assert covered > 0.9
 
 
+@pytest.mark.long
 def test_fools_as_often_as_the_truth_where_the_world_is_random():
     waves = Landscape(0)
     adversary, _ = trained(waves, dimension=8, budget=1_000, rounds=2)

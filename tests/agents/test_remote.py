@@ -196,6 +196,7 @@ def test_a_server_answers_several_connections_and_outlives_nonsense():
         assert (scores(first) == scores(second)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_attack_with_workers_has_the_same_bits(workers, tmp_path):
     file = tmp_path / "serve.py"

@@ -131,6 +131,7 @@ def test_help_names_every_suite():
     assert {suite.name for suite in SUITES} <= set(listed)
 
 
+@pytest.mark.long
 def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
     chosen = ["--track", ANALYTIC, "-a", "random", "-a", "ideal", "--samples", 20, "--images", 0]
     chosen += ["--out", tmp_path / "out", "--entries", tmp_path / "entries"]
@@ -203,6 +204,7 @@ def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
     assert "writing the report" in Text.from_ansi(console.file.getvalue()).plain
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     out, log = tmp_path / "an out", tmp_path / "log"

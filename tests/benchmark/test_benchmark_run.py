@@ -53,11 +53,13 @@ def test_it_ends_with_results_tables_and_pictures(done):
     assert pictures == {"afr-coverage.svg", "anytime.png", "marginals-Analytic.png", "novelty.png"}
 
 
+@pytest.mark.long
 def test_workers_are_no_part_of_the_result(done, tmp_path, references):
     run_benchmark(WHOLE, tmp_path, workers=5, references=references)  # two a group
     assert contents(tmp_path) == contents(done.folder)
 
 
+@pytest.mark.long
 def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch):
     run_benchmark(suite("memorise", budgets=(90,)), tmp_path, references=references)
     first = len(read_costs(tmp_path))

@@ -74,6 +74,7 @@ def test_a_plan_counts_what_is_missing(tmp_path):
     assert sum(one["runs"] for one in printed["estimates"]) == 2
 
 
+@pytest.mark.long
 def test_a_first_file(tmp_path):
     file = tmp_path / "pole.toml"
     printed = document("init", "CartPole-v1", "--steps", 1, "--out", file)
@@ -87,6 +88,7 @@ def test_an_error_stays_a_sentence_and_stdout_empty():
     assert "Error: Expected" in result.stderr
 
 
+@pytest.mark.long
 def test_what_others_print_goes_to_stderr(tmp_path):
     (tmp_path / "noisy.py").write_text(NOISY)
     done = subprocess.run(

@@ -165,6 +165,7 @@ class Deadly:
         return paraboloid(mu)
 
 
+@pytest.mark.long
 def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known():
     settings = {"dimension": 3, "threshold": 0.3, "workers": 2, "chunk_size": 10}
     done = []
@@ -173,6 +174,7 @@ def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known()
     assert done[-1] >= 30
 
 
+@pytest.mark.long
 def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster, monkeypatch):
     # three by default, and each is a process that starts
     monkeypatch.setattr(client_of(cluster).cluster.scheduler, "allowed_failures", 1)
@@ -256,6 +258,7 @@ def wait_for_port(port):
             return
 
 
+@pytest.mark.long
 def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
     remote, expected, tmp_path
 ):
@@ -289,6 +292,7 @@ def collected():
     gc.collect()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("collected")
 def test_an_unreachable_address_is_told_of_within_seconds():
     pytest.importorskip("distributed")

@@ -244,6 +244,7 @@ def suicide(mu):
     os.kill(os.getpid(), 9)
 
 
+@pytest.mark.long
 def test_a_dead_worker_is_told_of():
     with pytest.raises(WorkerError, match="A worker process died: out of memory"):
         scores(suicide, dimension=3, threshold=0.3, workers=2)

@@ -90,6 +90,7 @@ def test_the_command_line_leaves_the_folders_files_alone(
     assert (tmp_path / "out" / "result.json").is_file()
 
 
+@pytest.mark.long
 def test_a_script_leaves_them_alone_and_finds_its_neighbours(hostile: Path, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     neighbour = "import numpy as np\n\n\ndef score(mu):\n    return np.full(len(mu), 0.25)\n"

@@ -188,6 +188,7 @@ def test_pictures_are_a_set_all_or_none(tmp_path, monkeypatch):
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.long
 def test_files_that_a_loss_of_power_left_empty_are_made_again(tmp_path):
     run(tmp_path, pictures=True)
     before = contents(tmp_path)

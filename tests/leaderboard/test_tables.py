@@ -66,6 +66,7 @@ def test_every_table_has_its_place():
         assert marks.count(name) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suite", SUITES)
 def test_the_whole_tables_say_what_the_entries_say(entries, suite, tmp_path):
     written = write_tables(tmp_path, results_of_suite(entries, suite)).read_text(encoding="utf-8")

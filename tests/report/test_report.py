@@ -280,7 +280,9 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
     )
     assert "Taken for a 4 in 7 of 10." in first
     assert f"Sample {row}: Q = 0.10" in first
-    assert len(shown.all("img")) == 1
+    failure, chances = (image["alt"] for image in shown.all("img"))
+    assert failure.startswith(f"Sample {row}: Q = 0.10")
+    assert chances.startswith("The chance of failing")
     assert shown.data[0]["weaknesses"] == ["Scale is below 1"]
     (copied / "diagnosis.json").write_text("{}")
     assert "diagnosis.json is damaged" in Page(report(copied).read_bytes()).text

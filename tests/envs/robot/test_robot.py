@@ -95,6 +95,7 @@ def test_pictures_show_the_trip_that_failed():
     assert crosses[:, WIDTH:].any() == any(rollout.score < 1 for rollout in rollouts)
 
 
+@pytest.mark.long
 def test_a_replay_shows_every_step():
     application = blind()
     mu = np.full(D, -0.5)

@@ -238,6 +238,7 @@ def test_what_an_agent_draws_follows_from_the_evaluations_seed(agent, best):
             cart_pole(agent=agent).evaluate(np.zeros((8, 2)), range(8))
 
 
+@pytest.mark.long
 def test_stochastic_policies_are_pure_and_other_applications():
     for model, make, env in ((PPO, cart_pole, "CartPole-v1"), (SAC, pendulum, "Pendulum-v1")):
         agent = model("MlpPolicy", env, seed=0, device="cpu")

@@ -77,6 +77,7 @@ def test_replays_of_a_broken_world_have_its_score():
     assert application.render(mu[row], row).ndim == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_attack_goes_on_and_tells_and_resumes_with_the_same_result(tmp_path, workers):
     settings = {"budget": 60, "samples": 20, "pictures": False, "progress": False}

@@ -52,6 +52,7 @@ def test_scores_are_pure(application):
     assert_pure(application(), n=7, sizes=(1, 2, 7))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, 2])
 def test_eight_lines_attack_cart_pole(tmp_path, workers):
     result = attack(
