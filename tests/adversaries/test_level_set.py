@@ -26,6 +26,7 @@ def trained(function, *, dimension, budget=500, threshold=THRESHOLD, **options):
     return adversary, oracle
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("dimension", "budget"), [(2, 400), pytest.param(8, 1_500, marks=pytest.mark.slow)]
 )
@@ -124,6 +125,7 @@ def test_a_rare_set_is_walked_in():
     assert samples.std(axis=0).min() > 0.03
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("volume", [0.25, 1.0])
 def test_the_sampled_set_keeps_a_part_of_the_volume_predicted_to_fool(volume):
     waves = Landscape(5, rate=0.05, noise=1.0)  # of which 300 queries make hardly any mu sure
@@ -150,6 +152,7 @@ def test_a_constant_score_gives_uniform_samples(constant):
     assert abs(adversary.sample(2_000).std() - 3**-0.5) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dimension", [1, 64])
 def test_extreme_dimensions(dimension):
     adversary, _ = trained(

@@ -267,6 +267,7 @@ def test_a_server_that_fails_gets_a_sentence(fault, tmp_path):
     assert "--resume then goes on" in str(caught.value)
 
 
+@pytest.mark.long
 def test_a_run_resumes_where_a_server_died_to_the_same_bits(tmp_path):
     run = {"budget": 8, "samples": 4, "seed": 0, "resume": True}
     command = breaking(tmp_path, "sys.exit(3)", after=500)
@@ -369,6 +370,7 @@ def test_nobody_at_an_address_gets_a_sentence():
         cart_pole(agent_timeout=0)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="it kills processes as POSIX does")
 def test_the_program_ends_with_its_parent_even_where_both_hang(tmp_path):
     started = tmp_path / "pids"

@@ -64,6 +64,7 @@ def evaluated(out):
     return sum(costs.evaluated for costs in read_costs(out))
 
 
+@pytest.mark.long
 def test_threads_give_the_same(ours, tmp_path, references):
     with ThreadPoolExecutor(2) as executor:
         run(tmp_path, SMALL, references, workers=2, executor=executor)
@@ -139,6 +140,7 @@ def dask(deaths):
         yield client.get_executor()
 
 
+@pytest.mark.long
 def test_dask_gives_the_same(ours, tmp_path, references, dask):
     run(tmp_path, SMALL, references, executor=dask)
     assert contents(tmp_path) == contents(ours)
@@ -155,6 +157,7 @@ def test_dask_replaces_a_worker_that_is_killed(tmp_path, references, dask, death
     assert evaluated(tmp_path / "killed") == 30  # its queries were in the store by then
 
 
+@pytest.mark.long
 def test_a_bug_keeps_its_traceback_on_dask(tmp_path, references, dask):
     with pytest.raises(RunError, match="KeyError in bench_toys:Buggy"):
         run(tmp_path, suite("bench_toys:Buggy", budgets=(60,)), references, executor=dask)

@@ -32,6 +32,7 @@ def done(tmp_path_factory, references):
     return run_benchmark(WHOLE, out, workers=2, references=references)
 
 
+@pytest.mark.long
 def test_it_ends_with_results_tables_and_pictures(done):
     assert sorted(path.name for path in done.folder.iterdir()) == [
         ".lock",
@@ -131,6 +132,7 @@ def test_a_run_whose_process_is_killed_is_done_again(tmp_path, references, monke
     assert (again.evaluated, again.known) == (30, 60)  # no query is repeated
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 def test_a_run_that_kills_its_process_again_and_again_is_named(tmp_path, references):
     chosen = suite("random", "bench_toys:Deadly", budgets=(60,))

@@ -219,6 +219,7 @@ def test_every_finished_run_is_reported(done):
     assert sum(timing.evaluated for _, timing in recorder.finished) > 500
 
 
+@pytest.mark.long
 def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
     monkeypatch.setenv("TOY_PAUSE_S", "0.03")  # the 30 tests take over three polls
     plan = make_plan(suite("toy:Greedy", track=LOGGED, budgets=(60,)), references)

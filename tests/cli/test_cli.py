@@ -233,6 +233,7 @@ def test_version():
     assert result.stdout == f"sada-gym {sada_gym.__version__}\n"
 
 
+@pytest.mark.long
 def test_the_summary_names_the_interval_and_the_uniform_rate(tmp_path):
     result = attack(tmp_path / "svm", "-a", "svm")
     assert re.search(r"[\d.]+ % \(95 % interval [\d.]+ to [\d.]+\), \d+ of 10", result.stdout)

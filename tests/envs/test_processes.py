@@ -108,6 +108,7 @@ def test_it_works_in_other_processes(
     assert done.stdout.strip().endswith("agreed"), done.stdout + done.stderr
 
 
+@pytest.mark.long
 def test_a_fork_has_one_thread_of_torch_and_its_parent_keeps_its_own() -> None:
     program = (
         "import os, sys, torch, sada_gym.determinism\n"

@@ -49,6 +49,7 @@ def client_of(opened):
     return opened.executor._client
 
 
+@pytest.mark.long
 def test_dask_gives_the_same(cluster, expected):
     assert cluster.workers == count_workers(cluster.executor) == 2
     result = scores("SADA-Analytic-v0", **ANALYTIC, executor=cluster.executor, chunk_size=7)
@@ -455,6 +456,7 @@ def test_only_a_few_chunks_are_handed_out_at_a_time():
     assert executor.most <= 2 * dispatch._AHEAD
 
 
+@pytest.mark.long
 def test_dasks_workers_leave_ctrl_c_to_the_parent(cluster):
     masks = client_of(cluster).run(blocked_signals)
     assert all(signal.SIGINT in mask for mask in masks.values())

@@ -169,6 +169,7 @@ def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
     assert len(done.pictures) == 4
 
 
+@pytest.mark.long
 def test_pictures_are_a_set_all_or_none(tmp_path, monkeypatch):
     replace = Path.replace
 

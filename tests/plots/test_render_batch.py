@@ -25,6 +25,7 @@ def application(request) -> Application:
     return request.param()
 
 
+@pytest.mark.long
 def test_worlds_drawn_together_look_as_if_drawn_alone(application):
     mu = (
         np.random.default_rng(0).uniform(-1, 1, (2, len(application.parameters))).astype(np.float32)

@@ -367,6 +367,7 @@ TRACKS = family(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("track", TRACKS)
 def test_every_application_tells_its_endings(tmp_path, track):
     """The score is the application's own, and so is the verdict that the video gives."""

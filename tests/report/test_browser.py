@@ -157,6 +157,7 @@ def test_a_row_of_the_table_shows_its_world_and_command(view, runs):
     assert f"""sada-gym replay 'a <b> '"'"'c'"'"'' --sample {row} --out replay.gif""" in commands
 
 
+@pytest.mark.long
 def test_two_runs_share_a_choice(view, runs, tmp_path):
     path = report(*(result.folder for result in runs), out=tmp_path / "two.html")
     driver = view(path)

@@ -75,6 +75,7 @@ def copied(digits, tmp_path):
     return shutil.copytree(digits.folder, tmp_path / "digits")
 
 
+@pytest.mark.long
 def test_the_first_screen_needs_no_program(digits):
     shown = Page(digits.html.read_bytes())
     before = shown.text.partition("Browse the worlds")[0]
@@ -112,6 +113,7 @@ def test_the_data_holds_every_world(digits):
     assert plotted["pictures"]
 
 
+@pytest.mark.long
 def test_the_same_run_gives_the_same_bytes(digits, copied, tmp_path):
     assert report(copied).read_bytes() == digits.html.read_bytes()
     again = run(tmp_path / "again" / "digits")
@@ -288,6 +290,7 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
     assert "diagnosis.json is damaged" in Page(report(copied).read_bytes()).text
 
 
+@pytest.mark.long
 def test_two_agents_are_compared_in_the_worlds_that_both_runs_have(tmp_path):
     runs = [run(tmp_path / name, Plain(2, q), budget=60) for name, q in (("a", None), ("b", 0.0))]
     path = report(*(one.folder for one in runs))

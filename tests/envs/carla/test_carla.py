@@ -178,6 +178,7 @@ def test_replay_shows_the_drives_and_render_the_first_picture(start):
     assert_left_as_found(server)
 
 
+@pytest.mark.long
 def test_no_server_is_told_in_under_five_seconds():
     with socket.socket() as reserved:
         reserved.bind(("127.0.0.1", 0))

@@ -277,6 +277,7 @@ def test_normalised_observations_without_their_statistics_are_refused(tmp_path):
         as_driver(bare)
 
 
+@pytest.mark.long
 def test_a_plain_sb3_model_drives(tmp_path):
     model = PPO("MultiInputPolicy", DrivingTaskEnv(), **SMALL)
     model.save(tmp_path / "driver.zip")

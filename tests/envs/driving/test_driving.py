@@ -74,6 +74,7 @@ def test_the_seed_is_the_rains(application):
         assert bool((seen(weather, 1) != seen(weather, 2)).any()) == differs
 
 
+@pytest.mark.long
 def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
     counts = []
     episodes = DrivingApplication.episodes
@@ -100,6 +101,7 @@ def crossed(picture):
     return (np.abs(picture - (213, 94, 0)) < 8).all(axis=-1).sum()
 
 
+@pytest.mark.long
 def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
     rollouts = application.rollouts(MU[2], 7)
     info = application.evaluate([MU[2]], [7]).infos[0]

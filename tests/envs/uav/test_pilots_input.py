@@ -71,6 +71,7 @@ def test_a_real_policy_shown_another_shape_says_so():
         UAVApplication(3, agent=Cut())
 
 
+@pytest.mark.long
 def test_a_drone_that_is_told_nothing_costs_the_others_nothing():
     class Choosy(Own):
         """Refuses, as torch does, a tile with a drone that flies fast to its left."""

@@ -72,6 +72,7 @@ def test_a_flown_race_is_green(flown):
     assert painted(summary([flown]), RED) == 0
 
 
+@pytest.mark.long
 def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score

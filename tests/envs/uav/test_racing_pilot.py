@@ -39,6 +39,7 @@ def said(outcome):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("agent", "numbers"),
     [

@@ -56,6 +56,7 @@ def invoke(*args):
     return CliRunner().invoke(app, ["init", *map(str, args)], env={"COLUMNS": "200"})
 
 
+@pytest.mark.long
 def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
     file = tmp_path / "slide.toml"
     result = invoke("Slide-v0", "--agent", agent, "--out", file)
@@ -73,6 +74,7 @@ def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
     assert len(done.samples) == 8
 
 
+@pytest.mark.long
 def test_an_environment_without_a_limit_of_steps_gets_one(agent, tmp_path, monkeypatch):
     monkeypatch.setattr(starter, "LIMIT", 12)
     gym.register("Endless-v0", entry_point=Slide)
@@ -122,6 +124,7 @@ def test_the_agents_path_is_relative_to_the_file(agent, tmp_path):
     assert 'agent = "../ppo.zip"' in starter.text
 
 
+@pytest.mark.long
 def test_without_an_agent_a_stand_in_is_trained(tmp_path):
     file = tmp_path / "new.toml"
     result = invoke("Slide-v0", "--steps", 1, "--out", file)

@@ -73,6 +73,7 @@ def test_an_attack_without_pictures_warns_and_goes_on(tmp_path):
     assert {path.name for path in result.pictures} == {"marginals.png", "scores.png"}
 
 
+@pytest.mark.long
 def test_pictures_come_from_the_environment():
     application = cart_pole(episodes=2)
     last = application.render([0.0, 0.0], 3)
@@ -184,6 +185,7 @@ def test_an_environment_with_global_randomness_is_found():
     assert "purity" in failed
 
 
+@pytest.mark.long
 def test_check_finds_a_dead_parameter_by_name(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(
