@@ -79,6 +79,14 @@ class Density:
             return (numbers[0] + numbers[1]) / 2.0
         return float(np.clip(numbers[0], *numbers[2:])) if numbers[2:] else float(numbers[0])
 
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The numbers outside which it is 0, if there are some."""
+        if self.is_table:
+            return (self.data["values"][0], self.data["values"][-1])
+        ((kind, numbers),) = self.data.items()
+        return tuple(numbers) if kind == "uniform" else tuple(numbers[2:])
+
     def below(self, values: Floats) -> Floats:
         """Return the probability of a number of at most each of some, of the same shape."""
         if self.is_table:
@@ -175,6 +183,8 @@ class _Cells:
             )
         else:
             _check_numbers(parameter, density)
+            if not is_counted:
+                edges = _with_ends(edges, density.ends)
             masses = np.diff(density.below(edges))
         held = float(masses.sum())
         if not held >= _LEAST:
@@ -192,6 +202,15 @@ class _Cells:
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         i = rng.choice(len(self.masses), count, p=self.masses)
         return np.asarray(self.edges[i] + np.diff(self.edges)[i] * rng.random(count))
+
+
+def _with_ends(edges: Floats, ends: tuple[float, ...]) -> Floats:
+    """Put the ends of a density among the edges of cells: no cell lies partly outside."""
+    inside = [end for end in ends if edges[0] < end < edges[-1]]
+    nearest = np.diff(edges).min() * 1e-6  # a cell has some width
+    for end in inside:
+        edges = np.append(edges[np.abs(edges - end) > nearest], end)
+    return np.unique(edges)
 
 
 def _counted(parameter: Parameter, density: Density) -> Floats:

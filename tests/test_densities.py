@@ -51,6 +51,28 @@ def test_a_density_is_what_it_says_and_draws_so(name, data, truth):
 
 
 @pytest.mark.parametrize(
+    ("name", "data", "low", "high"),
+    [
+        ("gravity", {"uniform": [9.7003, 9.9001]}, 9.7003, 9.9001),
+        ("gravity", {"uniform": [9.7003, 9.7004]}, 9.7003, 9.7004),  # narrower than a cell
+        ("gravity", {"uniform": [10.0, 11.0]}, 10.0, 11.0),  # ends at edges of cells
+        ("gravity", {"uniform": [0.0, 9.0]}, 8.0, 9.0),
+        ("gravity", {"truncated-normal": [9, 1, 9.0001, 10]}, 9.0001, 10.0),
+        ("gravity", {"values": [9.0001, 9.5, 10], "weights": [1, 1, 2]}, 9.0001, 10.0),
+        ("friction", {"uniform": [0.0123, 0.5]}, 0.0123, 0.5),
+    ],
+)
+def test_nothing_is_drawn_outside_a_density(name, data, low, high):
+    density, column = world(**{name: data}), SPACE.names.index(name)
+    drawn = density.sample(20_000, np.random.default_rng(0))
+    values = SPACE.physical(drawn)[:, column]
+    slack = 2e-6  # mu is rounded to float32
+    assert low - slack <= values.min() < values.max() <= high + slack
+    inner = (values > low + slack) & (values < high - slack)
+    assert np.isfinite(density.log_density(drawn[inner])).all()
+
+
+@pytest.mark.parametrize(
     ("name", "data", "truth"),
     [
         ("lanes", {"values": [2, 4, 9], "weights": [1, 2, 1]}, [1 / 3, 0, 2 / 3, 0, 0]),
