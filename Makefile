@@ -10,6 +10,8 @@ PIP_INSTALL = $(BIN)/python -m pip install -qq --no-compile -c constraints.txt
 # PyTorch's builds for the CPU: its other builds bring CUDA, several GB that nothing here uses
 UV_INSTALL = uv pip install --quiet --torch-backend cpu --python $(BIN)/python -c constraints.txt
 INSTALL = $(if $(UV),$(UV_INSTALL) $(1) || (echo "uv failed, so pip installs" && $(PIP_INSTALL) $(1)),$(PIP_INSTALL) $(1))
+# the tests, on up to four cores
+TEST = $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
 .PHONY: help attack test test-long test-all package lint docs bench results clean
 
@@ -35,13 +37,13 @@ attack: $(VENV)/.package  ## attack the shipped detector with BBGAN
 	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
 
 test: $(VENV)/.installed  ## the fast tests
-	$(BIN)/pytest -m 'not slow and not long' -n auto --maxprocesses 4 --dist worksteal
+	$(TEST) -m 'not slow and not long'
 
 test-long: $(VENV)/.installed  ## examples, the pages' code, and what starts many processes
-	$(BIN)/pytest -m 'long and not slow' -n auto --maxprocesses 4 --dist worksteal
+	$(TEST) -m 'long and not slow'
 
 test-all: $(VENV)/.installed  ## every test
-	$(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
+	$(TEST)
 
 package: $(VENV)/.installed  ## sdist and wheel, installed elsewhere: every id steps there
 	$(BIN)/pytest tests/test_packaging.py

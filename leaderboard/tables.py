@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sada_gym import agents
 from sada_gym.benchmark.report.tables import write_tables
-from sada_gym.benchmark.results import Results, results_of
+from sada_gym.benchmark.results import Comparison, Results, results_of
 from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import ApplicationCard, SuiteCard, cards
@@ -61,11 +61,15 @@ class Headline:
 
         Means over different tracks do not compare: there is no row until each has all tracks.
         """
-        verified = _verified(self.suite, self.table, tuple(entries)).find(self.table, self.agent)
+        verified = self.verified(entries)
         tracks = find_suite(self.suite).tracks
         if verified is None or any(row.tracks < len(tracks) for row in verified.rows):
             return ()
         return verified.rows if track is None else verified.by_track[track]
+
+    def verified(self, entries: Sequence[Entry]) -> Comparison | None:
+        """Return what is verified on any of the suite's tracks."""
+        return _verified(self.suite, self.table, tuple(entries)).find(self.table, self.agent)
 
     def by_label(self, entries: Sequence[Entry], track: str | None = None) -> dict[str, Row]:
         """Return the same rows by the adversaries' labels."""
@@ -128,26 +132,21 @@ def _pair(row: Row | None) -> Cell:
     return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
 
 
-def by_track(headline: Headline, entries: Sequence[Entry]) -> Iterator[str]:
+def by_track(card: ApplicationCard, suite: SuiteCard, entries: Sequence[Entry]) -> Iterator[str]:
     """Show each adversary's AFR / coverage on each track that has a verified result."""
-    verified = _verified(headline.suite, headline.table, tuple(entries))
-    found = verified.find(headline.table, headline.agent)
+    found = _headline(card, suite).verified(entries)
     if found is None:
         yield "No verified result yet."
         return
     on_tracks = {
-        _class_of(track): {row.label: row for row in rows} for track, rows in found.by_track.items()
+        card.short(track): {row.label: row for row in rows}
+        for track, rows in found.by_track.items()
     }
     lines = (
         (text_cell(row.label), *(_pair(rows.get(row.label)) for rows in on_tracks.values()))
         for row in found.rows
     )
     yield from titled_table(("adversary", *on_tracks), lines)
-
-
-def _class_of(track: str) -> str:
-    """Return the part of a track's id that tells it from others: SADA-DetectionCoco-Car-v0: Car."""
-    return track.split("-")[-2]
 
 
 def on_track(
@@ -189,7 +188,7 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
         for name, headline in HEADLINES.items()
     },
     **{  # on the environment's own page
-        suite.name: (f"environments/{suite.name}.md", partial(by_track, _headline(card, suite)))
+        suite.name: (f"environments/{suite.name}.md", partial(by_track, card, suite))
         for card, suite in _WITH_SUITE
         if not suite.overview
     },

@@ -41,7 +41,7 @@ from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSetti
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures, read_failures
+from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures, listed_before
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.frames import Frame
 from sada_gym.ids import names_file
@@ -218,7 +218,7 @@ def attack(
         diagnosis = None
         if diagnose:
             diagnosis = _diagnose(opened, outcome, folder, report_progress)
-        again, listed_before = PlayedAgain(opened.application), _read_failures(folder)
+        again, known_failures = PlayedAgain(opened.application), listed_before(folder)
         failures = list_failures(
             opened,
             settings,
@@ -247,7 +247,7 @@ def attack(
                 on_frame=frames.__setitem__,
             )
         made: Path | None = folder / REPORT_FILE
-        is_known = was_finished and (diagnosis, failures) == (before, listed_before)
+        is_known = was_finished and (diagnosis, failures) == (before, known_failures)
         is_made = is_known and (folder / REPORT_FILE).is_file()
         if not is_made:
             has_id = isinstance(environment, str) and not names_file(environment)
@@ -315,12 +315,6 @@ def _diagnose(
         opened.evaluator.detach()
     write_diagnosis(folder, diagnosis)
     return diagnosis
-
-
-def _read_failures(folder: Path) -> Failures | None:
-    with suppress(FileError):  # a damaged file is made anew
-        return read_failures(folder)
-    return None
 
 
 def _progress(shown: bool, on_progress: OnProgress | None) -> AbstractContextManager[OnProgress]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -303,12 +304,16 @@ def _play(application: Application, samples: Evaluations) -> tuple[Behaviour, ..
     return told
 
 
+def listed_before(folder: Path) -> Failures | None:
+    """Return the failures that a run's folder lists; None where its file is missing or damaged."""
+    with suppress(FileError):  # a damaged file is made anew
+        return read_failures(folder)
+    return None
+
+
 def _known(folder: Path, rows: Indices) -> Failures | None:
     """Return the failures that were listed before, if they are those of these samples."""
-    try:
-        known = read_failures(folder)
-    except FileError:  # it is made anew
-        return None
+    known = listed_before(folder)
     if known is None or sorted(one.sample for one in known.failures) != rows.tolist():
         return None
     return known

@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from studies.landscapes import WAVES
+from studies.landscapes import THRESHOLD, WAVES
 
-THRESHOLD = 0.3
 _UNIFORM = 4_000
 _SPOTS = 200
 

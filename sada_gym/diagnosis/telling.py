@@ -50,13 +50,14 @@ def tell(
     }
     if untold:
         again.play(Evaluations.joined([*untold.values()]))
+    tried = [] if failures is None else [one for one in failures.failures if one.valid_seeds]
     told = []
     for place, weakness in enumerate(weaknesses):
         found: dict[str, object] = {}
         if place in untold:
             behaviours = Behaviours.of(again.play(untold[place]))
             found["behaviour"] = None if behaviours is None else behaviours.sentence
-        if failures is not None and (tried := [f for f in failures.failures if f.valid_seeds]):
+        if tried:
             found["confirmed"] = _confirmed(weakness, application, tried)
         told.append(weakness.model_copy(update=found))
     return diagnosis.model_copy(update={"weaknesses": tuple(told)})

@@ -66,9 +66,7 @@ def distinct(
     kept = large[labels]
     near = np.array([_nearest(points[linked[kept]], point) for point in points])
     labels = labels[kept][near]
-    groups = [np.flatnonzero(labels == label) for label in np.flatnonzero(large)]
-    groups.sort(key=lambda rows: (-len(rows), rows[0]))
-    return [rows[_spread(points[rows])] for rows in groups]
+    return _by_size(points, labels)
 
 
 def _parts(points: Floats, parameters: ParameterSpace, draw: Callable[[int], Mu]) -> Integers:
@@ -107,13 +105,17 @@ def neighbourhoods(points: Floats, dimension: int) -> list[Indices]:
         distance_threshold=_NEAR * np.sqrt(2 * dimension / 3),  # of uniform points in the box
     )
     labels = clustering.fit_predict(points)
-    groups = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+    return _by_size(points, labels)
+
+
+def _by_size(points: Floats, labels: Integers) -> list[Indices]:
+    groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     groups.sort(key=lambda rows: (-len(rows), rows[0]))
     return [rows[_spread(points[rows])] for rows in groups]
 
 
 def _spread(points: Floats) -> Indices:
-    order = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmin())]
+    order = [_nearest(points, points.mean(axis=0))]
     nearest = np.full(len(points), np.inf)
     while len(order) < len(points):
         nearest = np.minimum(nearest, np.linalg.norm(points - points[order[-1]], axis=1))

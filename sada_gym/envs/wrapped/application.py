@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import DependencyNotInstalled
-from gymnasium.wrappers import TimeLimit
 
 from sada_gym.agents import resolve
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
@@ -51,7 +50,14 @@ from sada_gym.envs.wrapped.episodes import (
     make_world,
     reset_arguments,
 )
-from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
+from sada_gym.envs.wrapped.factory import (
+    EnvFactory,
+    EnvLike,
+    code_name,
+    function_name,
+    has_time_limit,
+    layers,
+)
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.privileged import Privileged
 from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
@@ -779,8 +785,7 @@ def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
             "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
             f"{env.action_space} in {factory.name}. Wrap the environment in one that has them."
         )
-    has_limit = any(isinstance(layer, TimeLimit) for layer in layers(env))
-    if not has_limit and factory.max_steps != "own":
+    if not has_time_limit(env) and factory.max_steps != "own":
         raise UserError(
             f"Expected a limit of steps, because {factory.name} has no TimeLimit and its episodes "
             'might never end. Pass max_steps=1000, say, or max_steps="own" if it ends them by '

@@ -183,6 +183,11 @@ def code_name(function: Callable[..., Any]) -> str:
     return f"{named.__module__}:{named.__qualname__}"
 
 
+def has_time_limit(env: gym.Env[Any, Any]) -> bool:
+    """Return whether a `TimeLimit` ends an environment's episodes."""
+    return any(isinstance(layer, TimeLimit) for layer in layers(env))
+
+
 def layers(env: gym.Env[Any, Any]) -> Iterator[gym.Env[Any, Any]]:
     """Iterate over an environment's wrappers from the outside in, and at last the environment."""
     while isinstance(env, gym.Wrapper):

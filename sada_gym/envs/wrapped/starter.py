@@ -21,7 +21,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.wrappers import TimeLimit
 
 from sada_gym.arrays import Floats
 from sada_gym.determinism import generators_kept, one_thread
@@ -29,7 +28,7 @@ from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.bindings import Attribute, Config, Keyword, ParameterBinding
 from sada_gym.envs.wrapped.disturbances import ActionDelay, ObservationDelay, ObservationNoise
-from sada_gym.envs.wrapped.factory import EnvFactory, layers
+from sada_gym.envs.wrapped.factory import EnvFactory, has_time_limit
 from sada_gym.envs.wrapped.paths import read
 from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
 from sada_gym.envs.wrapped.toml import KINDS
@@ -143,8 +142,10 @@ def starter_file(
 
 def _limited(factory: EnvFactory) -> tuple[EnvFactory, list[str]]:
     """Return a factory whose episodes have a limit of steps, and what was guessed."""
+    if factory.max_steps is not None:
+        return factory, []
     with closing(factory.make({})) as env:
-        if any(isinstance(layer, TimeLimit) for layer in layers(env)):
+        if has_time_limit(env):
             return factory, []
     note = f"{factory.name} has no TimeLimit, so the file ends an episode after {LIMIT:,} steps."
     return replace(factory, max_steps=LIMIT), [note]

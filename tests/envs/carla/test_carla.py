@@ -48,6 +48,13 @@ def start(monkeypatch):
     return fake_carla.start
 
 
+@pytest.fixture
+def one_route(monkeypatch):
+    """Drive one route of a town; five take as many times as long."""
+    for module in (routes, application_module):
+        monkeypatch.setattr(module, "ROUTES", 1)
+
+
 def driven(**keywords):
     agent = {"agent": lane_driver, "agent_id": "lanes", "episodes": 1, "task": "one_curve"}
     return CarlaDrivingApplication(**{**agent, **keywords})
@@ -150,6 +157,7 @@ def test_a_torch_module_drives_by_the_convention_of_imitation_learning(start):
     assert max(shapes[1] for shapes in module.seen) <= 1.0
 
 
+@pytest.mark.usefixtures("one_route")
 def test_an_sb3_zip_drives(start, tmp_path, monkeypatch):
     from stable_baselines3 import PPO
 
@@ -159,8 +167,6 @@ def test_an_sb3_zip_drives(start, tmp_path, monkeypatch):
 
     PPO("MultiInputPolicy", Spaces(), n_steps=8, batch_size=8).save(tmp_path / "my driver.zip")
     start()
-    for module in (routes, application_module):
-        monkeypatch.setattr(module, "ROUTES", 1)
     monkeypatch.setattr(drive_module, "_SLOWEST_M_S", 40.0)  # the network is slow, the end near
     application = driven(agent=str(tmp_path / "my driver.zip"), agent_id=None)
     assert len(application.fingerprint) == 64
@@ -361,9 +367,8 @@ def unbroken(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, monkeypatch, unbroken):
-    for module in (routes, application_module):  # five take as many times as long
-        monkeypatch.setattr(module, "ROUTES", 1)
+@pytest.mark.usefixtures("one_route")
+def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, unbroken):
     run = tmp_path / "run"
     code, errors = attack_elsewhere(run, exits_at_tick=3_000)
     assert code == 9, errors
