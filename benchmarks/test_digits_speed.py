@@ -50,7 +50,7 @@ def test_batch(benchmark, env_id):
 def test_network_alone(benchmark):
     application = sada_gym.make_application("SADA-Digits-v0")
     images = np.zeros((BATCH, 8, 8), np.float32)
-    classify = application._classifier.probabilities
+    classify = application._classifier.act
     benchmark.pedantic(classify, (images,), rounds=20, warmup_rounds=2)
     record(benchmark, "the network alone", BATCH)
 

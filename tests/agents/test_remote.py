@@ -25,6 +25,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from wrapped_toys import Reach, approach, balance, cart_pole, pendulum, reach, worlds
 
 import sada_gym
+from sada_gym.agents.remote import messages
 from sada_gym.agents.remote.messages import Channel, Nonsense, space_from_json, space_to_json
 from sada_gym.agents.remote.places import place_of
 from sada_gym.attack import attack
@@ -304,6 +305,25 @@ def test_an_error_of_the_agent_itself_is_told():
         pytest.raises(UserError, match=r"got an error: Expected an action .*ZeroDivisionError"),
     ):
         cart_pole(agent=address).evaluate([[0.0, 0.0]], [0])
+
+
+@pytest.mark.parametrize("away_s", [-1.0, 10.0])  # every look, or none, says that others are busy
+def test_messages_come_awake_and_asleep(away_s, monkeypatch):
+    monkeypatch.setattr(messages, "_AWAY_S", away_s)
+    ours, theirs = map(Channel, socket.socketpair())
+
+    def answer():
+        while (message := theirs.receive()) is not None:
+            time.sleep(2e-3 * (message[0]["number"] % 2))  # longer than anybody stays awake
+            theirs.send(*message)
+
+    threading.Thread(target=answer, daemon=True).start()
+    for number in range(20):
+        ours.send({"number": number}, {"state": np.full(3, number)})
+        header, arrays = ours.receive()
+        assert header["number"] == number
+        np.testing.assert_array_equal(arrays["state"], number)
+    ours.close()
 
 
 def test_another_agent_at_the_same_address_is_noticed():

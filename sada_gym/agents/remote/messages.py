@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
+import select
 import socket
 import struct
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +35,13 @@ MAX_HEADER_BYTES = 64 * 2**20
 MAX_ARRAY_BYTES = 2**31
 OBSERVATION = "observation"
 """The array of observations that are no dictionaries; a part of others is `observation.KEY`."""
+
+_AWAKE_S = 0.5e-3
+"""How long a side that waits stays awake; to be woken costs as much as a small network's answer."""
+_AWAY_S = 50e-6
+"""A look at the connection that takes longer: another process needed the core."""
+_ASLEEP = 16
+"""How many messages are waited for asleep after that."""
 
 _LENGTH = struct.Struct(">I")
 _DTYPE = re.compile(r"[<>|]?[biuf][1248]")
@@ -87,6 +97,7 @@ class Channel:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.settimeout(timeout_s)
         self._connection, self._incoming = connection, connection.makefile("rb")
+        self._asleep = 0
         self._sent: tuple[Any, bytes] = (None, b"")
         self._got: tuple[bytes, dict[str, Any], list[_Listed]] = (b"", {}, [])
 
@@ -114,6 +125,7 @@ class Channel:
 
         It raises `Nonsense` if what comes is no message, and OSError if nothing comes in time.
         """
+        self._wait_awake()
         begins = self._incoming.read(_LENGTH.size)
         if not begins:
             return None
@@ -127,6 +139,21 @@ class Channel:
             self._got = (text, *_parsed(text))
         _, header, listed = self._got
         return header, {one.name: self._read_array(one) for one in listed}
+
+    def _wait_awake(self) -> None:
+        """Wait a moment for a message without sleeping, unless others need the core."""
+        if self._asleep or not hasattr(os, "sched_yield"):
+            self._asleep = max(0, self._asleep - 1)
+            return
+        poll = select.poll()
+        poll.register(self._connection, select.POLLIN)
+        began = now = time.perf_counter()
+        while not poll.poll(0) and now - began < _AWAKE_S:
+            os.sched_yield()
+            before, now = now, time.perf_counter()
+            if now - before > _AWAY_S:
+                self._asleep = _ASLEEP
+                return
 
     def _read_array(self, one: _Listed) -> Array:
         array = np.frombuffer(self._read(one.size), one.dtype)
