@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -15,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
 from gymnasium.error import DependencyNotInstalled
 
 from sada_gym.agents import resolve
@@ -55,13 +52,14 @@ from sada_gym.envs.wrapped.factory import (
     EnvLike,
     code_name,
     function_name,
-    has_time_limit,
     layers,
 )
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
+from sada_gym.envs.wrapped.inspection import check_environment, name_and_version, packages_of
 from sada_gym.envs.wrapped.privileged import Privileged
+from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
 from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
-from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
+from sada_gym.errors import UserError, UserTypeError, check_integer, check_known
 from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
@@ -71,9 +69,6 @@ from sada_gym.seeds import validate_seeds, validate_world
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
-_ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
-_ID = re.compile(r"(.+)-v(\d+)")
-_OWN_LIMITS = ("max_steps", "max_episode_steps", "_max_episode_steps", "max_path_length", "horizon")
 _MANY = 40
 _MOST_EPISODES = 100_000
 _MOST_WHOLE = 2**53
@@ -267,9 +262,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             if any(isinstance(layer, kind) for layer in layers(env))
         )
         self._has_masks = env.has_wrapper_attr("action_masks")
-        self.packages = _packages(env)
-        self.name, self.version = _name_and_version(factory, env)  # type: ignore[misc]
-        nan_observed = has_nan(_check_environment(env, factory))
+        self.packages = packages_of(env)
+        self.name, self.version = name_and_version(factory, env)  # type: ignore[misc]
+        nan_observed = has_nan(check_environment(env, factory))
         if not isinstance(parameters, Mapping) or not parameters:
             raise UserTypeError(
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
@@ -616,53 +611,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     def _check_environment_repeats(self, mu: Mu, seeds: list[int]) -> None:
         """Raise `UserError` if the same actions lead elsewhere, alone or beside other worlds."""
-        name, count = self.episode_spec.factory.name, self._episode_count
-        together, actions = self._traced(mu, seeds)
-        for i, seed in enumerate(seeds):
-            own = slice(i * count, (i + 1) * count)
-            first, second = (self._traced(mu[i : i + 1], [seed], actions[own])[0] for _ in range(2))
-            if not same_answer(first, second):
-                raise UserError(
-                    f"Expected episodes of {name} that follow from their seed, but the world of "
-                    f"seed {seed} went otherwise when the same actions were played again. The "
-                    "environment is random, and not the agent: let it draw from its own np_random "
-                    "and not from numpy.random or random, and let its episodes share nothing."
-                )
-            if not same_answer(first, together[own]):
-                raise UserError(
-                    f"Expected episodes of {name} that share nothing, but with the same actions "
-                    f"the world of seed {seed} went otherwise beside other worlds than alone. Look "
-                    "for what the class or its module holds, such as a dictionary, a list or a "
-                    "generator, and make it anew in reset."
-                )
 
-    def _traced(
-        self, mu: Mu, seeds: list[int], given: list[list[Any]] | None = None
-    ) -> tuple[list[Any], list[list[Any]]]:
-        """Play worlds by the agent, or by given actions: what each episode saw, and its actions."""
-        with closing(self.episodes(mu, seeds)) as episodes, single_threaded():
-            self.policy.start(len(episodes))
-            everyone = range(len(episodes))
-            seen: list[Any] = [[deepcopy(episodes.observation(i))] for i in everyone]
-            taken: list[list[Any]] = [[] for _ in everyone]
-            while True:
-                which = episodes.under_way()
-                if given is not None:
-                    left = [i for i in which.tolist() if len(taken[i]) < len(given[i])]
-                    which = np.array(left, np.intp)
-                if not len(which):
-                    break
-                chosen = (
-                    self.policy.act(episodes, which)
-                    if given is None
-                    else [given[i][len(taken[i])] for i in which]
-                )
-                episodes.step(which, chosen)
-                for i, action in zip(which.tolist(), chosen, strict=True):
-                    taken[i].append(action)
-                    seen[i].append(deepcopy(episodes.observation(i)))
-            rewards = [[*episode.rewards] for episode in episodes.running]
-        return [*zip(seen, rewards, strict=True)], taken
+        def traced(worlds: slice, given: list[list[Any]] | None = None) -> Traces:
+            with closing(self.episodes(mu[worlds], seeds[worlds])) as episodes, single_threaded():
+                return trace(self.policy, episodes, given)
+
+        check_repeats(self.episode_spec.factory.name, traced, seeds, self._episode_count)
 
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""
@@ -748,55 +702,3 @@ def _missing_drawing_library() -> Iterator[None]:
         yield
     except DependencyNotInstalled as error:
         raise NotImplementedError(f"The environment cannot be drawn: {error}") from error
-
-
-def _packages(env: gym.Env[Any, Any]) -> tuple[str, ...]:
-    """Name the packages that an environment and an agent may need; some may not be installed."""
-    modules = {kind.__module__ for layer in layers(env) for kind in type(layer).__mro__}
-    engines = {
-        engine
-        for module in modules
-        for engine in ("box2d", "mujoco")
-        if module.startswith(f"gymnasium.envs.{engine}")
-    }
-    homes = {module.partition(".")[0] for module in modules} - {"builtins", "abc", "typing"}
-    return tuple(sorted({"torch", "stable-baselines3", *engines, *homes}))
-
-
-def _name_and_version(factory: EnvFactory, env: gym.Env[Any, Any]) -> tuple[str, int]:
-    if not isinstance(factory.environment, str):
-        return type(env.unwrapped).__name__, 0
-    match = _ID.fullmatch(factory.name)
-    return (factory.name, 0) if match is None else (match[1], int(match[2]))
-
-
-def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
-    """Check that an environment can be attacked; return its first observation."""
-    for layer in layers(env):
-        if getattr(layer, "update_running_mean", False) is True:
-            raise UserError(
-                f"Expected wrappers in {factory.name} that learn nothing, got "
-                f"{type(layer).__name__}, whose statistics begin anew in each episode and are not "
-                "those of the training. Let a function make the environment, and set the wrapper's "
-                "statistics and update_running_mean = False there."
-            )
-    if not isinstance(env.action_space, _ACTIONS):
-        raise UserError(
-            "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
-            f"{env.action_space} in {factory.name}. Wrap the environment in one that has them."
-        )
-    if not has_time_limit(env) and factory.max_steps != "own":
-        raise UserError(
-            f"Expected a limit of steps, because {factory.name} has no TimeLimit and its episodes "
-            'might never end. Pass max_steps=1000, say, or max_steps="own" if it ends them by '
-            f"itself{_own_limit(env)}."
-        )
-    with explained(f"Expected {factory.name} to be reset"):
-        observation, _ = env.reset(seed=0)
-    return observation
-
-
-def _own_limit(env: gym.Env[Any, Any]) -> str:
-    known = {name: getattr(env.unwrapped, name, None) for name in _OWN_LIMITS}
-    told = [f"{name}={value}" for name, value in known.items() if is_number(value)]
-    return f" (it has {', '.join(told)})" if told else ""
