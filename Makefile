@@ -10,6 +10,8 @@ PIP_INSTALL = $(BIN)/python -m pip install -qq --no-compile -c constraints.txt
 # PyTorch's builds for the CPU: its other builds bring CUDA, several GB that nothing here uses
 UV_INSTALL = uv pip install --quiet --torch-backend cpu --python $(BIN)/python -c constraints.txt
 INSTALL = $(if $(UV),$(UV_INSTALL) $(1) || (echo "uv failed, so pip installs" && $(PIP_INSTALL) $(1)),$(PIP_INSTALL) $(1))
+# many images set this for a smaller disk; each of the tests' processes would compile torch anew
+export PYTHONDONTWRITEBYTECODE =
 # the tests, on up to four cores
 TEST = $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
