@@ -106,19 +106,19 @@ def differences(failures: Sequence[Behaviour], passes: Sequence[Behaviour]) -> t
     """
     if min(len(failures), len(passes)) < _FEWEST_COMPARED:
         return ()
-    found = []
+    differing = []
     for name in failures[0].data:
         ours: list[Any] = [failure.data.get(name) for failure in failures]
         others: list[Any] = [other.data.get(name) for other in passes]
         values = [*ours, *others]
         if all(isinstance(value, bool) for value in values):
-            found.append(_shares(name, True, ours, others))
+            differing.append(_shares(name, True, ours, others))
         elif all(isinstance(value, str) for value in values):
             (commonest, _), *_ = Counter(ours).most_common(1)
-            found.append(_shares(name, commonest, ours, others))
+            differing.append(_shares(name, commonest, ours, others))
         elif all(isinstance(value, int | float) for value in values):
-            found.append(_ranks(name, ours, others))
-    apart = sorted((pair for pair in found if pair is not None), key=lambda pair: -pair[0])
+            differing.append(_ranks(name, ours, others))
+    apart = sorted((pair for pair in differing if pair is not None), key=lambda pair: -pair[0])
     return tuple(text for _, text in apart[:MOST_NAMED])
 
 

@@ -115,7 +115,7 @@ class Failures(Strict):
     @property
     def apart(self) -> tuple[FailureGroup, ...]:
         """The groups, but for the one in no weakness where others lie in one."""
-        return tuple(one for one in self.groups if one.weakness) or self.groups
+        return tuple(group for group in self.groups if group.weakness) or self.groups
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield the name and the text of each finding, as the summary of a run has them."""
@@ -236,7 +236,9 @@ def list_failures(
     passing = np.flatnonzero(~samples.fooled(threshold) & ~samples.invalid)[:count]
     again = again or PlayedAgain(opened.application)
     behaviours = again.play(samples[rows[:count]])
-    compared = any(isinstance(value, Plain) for one in behaviours for value in one.data.values())
+    compared = any(
+        isinstance(value, Plain) for behaviour in behaviours for value in behaviour.data.values()
+    )
     passes = again.play(samples[passing]) if compared else ()
     confirmed = None if fresh is None else int(fresh.fails.sum())
     failures = Failures(
@@ -294,14 +296,15 @@ def _play(application: Application, samples: Evaluations) -> tuple[Behaviour, ..
     if not (len(samples) and application.tells_behaviour and application.repeatable):
         return ()
     try:
-        told = tuple(application.behaviours(samples.mu, samples.seed.tolist()))
-        if len(told) != len(samples) or not all(isinstance(one, Behaviour) for one in told):
-            raise UserTypeError(f"expected {len(samples)} objects of Behaviour, got {told!r}")
+        played = tuple(application.behaviours(samples.mu, samples.seed.tolist()))
+        sound = all(isinstance(behaviour, Behaviour) for behaviour in played)
+        if len(played) != len(samples) or not sound:
+            raise UserTypeError(f"expected {len(samples)} objects of Behaviour, got {played!r}")
     except Exception as error:  # a user's code, too, and must not cost the result
         reason = shown(f"{type(application).__name__}.behaviours: {type(error).__name__}: {error}")
         warnings.warn(f"What the agent did is left out. {reason}", stacklevel=3)
         return ()
-    return told
+    return played
 
 
 def listed_before(folder: Path) -> Failures | None:
@@ -314,7 +317,7 @@ def listed_before(folder: Path) -> Failures | None:
 def _known(folder: Path, rows: Indices) -> Failures | None:
     """Return the failures that were listed before, if they are those of these samples."""
     known = listed_before(folder)
-    if known is None or sorted(one.sample for one in known.failures) != rows.tolist():
+    if known is None or sorted(failure.sample for failure in known.failures) != rows.tolist():
         return None
     return known
 
@@ -323,30 +326,33 @@ def _groups_of(known: Failures, rows: Indices) -> list[Group]:
     """Return the groups that were found before; each begins with its representative."""
     number = {failure.sample: failure.group for failure in known.failures}
     of = np.array([number[row] for row in rows.tolist()])
-    found = []
+    groups = []
     for place, group in enumerate(known.groups, 1):
         inside = np.flatnonzero(of == place)
         middle_first = np.argsort(rows[inside] != group.representative, kind="stable")
-        found.append(Group(inside[middle_first], group.where, group.weakness))
-    return found
+        groups.append(Group(inside[middle_first], group.where, group.weakness))
+    return groups
 
 
 def _grouped(failures: Failures, rows: Indices, groups: Sequence[Group]) -> Failures:
     """Number the groups of failures: the largest first, and those in no weakness last."""
     last = any(group.weakness for group in groups)
-    ordered = sorted(groups, key=lambda one: (last and not one.weakness, -len(one.rows)))
-    number = {int(rows[i]): n for n, one in enumerate(ordered, 1) for i in one.rows}
-    listed = (one.model_copy(update={"group": number[one.sample]}) for one in failures.failures)
-    found = (
-        FailureGroup(
-            failures=len(one.rows),
-            representative=int(rows[one.rows[0]]),
-            where=one.where,
-            weakness=one.weakness,
-        )
-        for one in ordered
+    ordered = sorted(groups, key=lambda group: (last and not group.weakness, -len(group.rows)))
+    number = {int(rows[i]): n for n, group in enumerate(ordered, 1) for i in group.rows}
+    listed = (
+        failure.model_copy(update={"group": number[failure.sample]})
+        for failure in failures.failures
     )
-    return failures.model_copy(update={"groups": tuple(found), "failures": tuple(listed)})
+    sized = (
+        FailureGroup(
+            failures=len(group.rows),
+            representative=int(rows[group.rows[0]]),
+            where=group.where,
+            weakness=group.weakness,
+        )
+        for group in ordered
+    )
+    return failures.model_copy(update={"groups": tuple(sized), "failures": tuple(listed)})
 
 
 def _listed(

@@ -161,18 +161,18 @@ def _members(agent: FetchedAgent, source: Path) -> dict[str, bytes]:
     mend = f"Pass {agent.archive} of {agent.package} {agent.version}, or a folder with the files."
     if source.name in {Path(name).name for name in agent.members}:
         source = source.parent
-    found = {}
+    content = {}
     with file_errors("read", source):
         source.stat()
         reader = _folder if source.is_dir() else _archive
         with _damage(source, mend):
             for name, file in reader(source, agent.members):
-                found[name] = file.read(MAX_MEMBER_BYTES)
+                content[name] = file.read(MAX_MEMBER_BYTES)
     for name, sha256 in agent.members.items():
-        if name not in found:
+        if name not in content:
             raise FileError(f"Expected {name} in {source}, got no such file. {mend}")
-        _check(found[name], sha256, f"{name} in {source}", mend)
-    return found
+        _check(content[name], sha256, f"{name} in {source}", mend)
+    return content
 
 
 def _folder(source: Path, members: Mapping[str, str]) -> Iterator[tuple[str, IO[bytes]]]:

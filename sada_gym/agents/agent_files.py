@@ -28,9 +28,9 @@ def find_agent_file(given: str | Path) -> Path:
     """
     path = Path(os.path.expanduser(given))
     zipped = path.with_name(f"{path.name}.zip") if path.name else path
-    for found in (path, zipped):
-        if os.path.isfile(found):
-            return found
+    for file in (path, zipped):
+        if os.path.isfile(file):
+            return file
     raise FileError(f"Expected an SB3 zip as the agent, got {path}: no such file. Check its path.")
 
 

@@ -161,14 +161,16 @@ def is_factory(given: Any) -> bool:
     except (TypeError, ValueError):
         return False
     fixed = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    parameters = [one for one in signature.parameters.values() if one.kind not in fixed]
-    required = {one.name for one in parameters if one.default is one.empty}
+    parameters = [
+        parameter for parameter in signature.parameters.values() if parameter.kind not in fixed
+    ]
+    required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}
     made_of: Any = given
     while isinstance(made_of, partial):
         made_of = made_of.func
     if isinstance(made_of, type):
         return required <= {"seed"}
-    return not signature.parameters or [one.name for one in parameters] == ["seed"]
+    return not signature.parameters or [parameter.name for parameter in parameters] == ["seed"]
 
 
 def _call(function: Callable[..., Any], seed: int) -> Any:

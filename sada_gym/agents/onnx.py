@@ -90,9 +90,9 @@ class OnnxNetwork(ExportedNetwork):
             self._session = onnxruntime.InferenceSession(
                 self._content, options, providers=["CPUExecutionProvider"]
             )
-        self._inputs = {one.name: one for one in self._session.get_inputs()}
+        self._inputs = {entry.name: entry for entry in self._session.get_inputs()}
         self._keys = input_names(self.observation_space, [*self._inputs], self.path)
-        rows = {(one.shape or [None])[0] for one in self._inputs.values()}
+        rows = {(entry.shape or [None])[0] for entry in self._inputs.values()}
         self.fixed = next((size for size in rows if isinstance(size, int)), None)
 
     def _outputs(self, inputs: Batch) -> Array:

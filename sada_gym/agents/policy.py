@@ -234,8 +234,8 @@ class Policy:
                     raise
                 return True  # `act` says for whom
         return all(
-            np.array_equal(one, other[::-1], equal_nan=True)
-            for one, other in zip(answers, backwards, strict=True)
+            np.array_equal(answer, backward[::-1], equal_nan=True)
+            for answer, backward in zip(answers, backwards, strict=True)
         )
 
     def _twice(self, tile: Batch, step: int) -> list[npt.NDArray[Any]]:

@@ -73,8 +73,10 @@ def diagnose_worlds(
     checked = check(space, rules, found, rest, evaluate or _none, permits, rng)
     weaknesses = _weaknesses(space, known, fooled, uniform, found, rules, checked.rules)
     if checked.outside is not None:
-        weaknesses = [one.model_copy(update={"outside": checked.outside}) for one in weaknesses]
-    explained = [holds(one.conditions, space, known.mu) for one in weaknesses]
+        weaknesses = [
+            weakness.model_copy(update={"outside": checked.outside}) for weakness in weaknesses
+        ]
+    explained = [holds(weakness.conditions, space, known.mu) for weakness in weaknesses]
     return Diagnosis(
         sentence=_sentence(weaknesses, len(failing), len(rules)),
         weaknesses=tuple(weaknesses),
@@ -113,8 +115,8 @@ def _weaknesses(
 ) -> list[Weakness]:
     """Describe the rules that stand; the one with the largest share of the failures comes first."""
     weaknesses = []
-    for one in standing:
-        said = tuple(rules[one.place])
+    for checked in standing:
+        said = tuple(rules[checked.place])
         inside = holds(said, space, known.mu)
         mine = known[inside & fooled & (known.seed >= 0)]
         _, first = np.unique(mine.mu, axis=0, return_index=True)
@@ -128,9 +130,9 @@ def _weaknesses(
                 share=_share(inside, fooled, uniform),
                 failures=len(mine),
                 distinct=len(parts_of(said, space, mine.mu)) if len(mine) else 0,
-                inside=one.inside,
+                inside=checked.inside,
                 outside=None,
-                thresholds=thresholds(found.rules[one.place]),
+                thresholds=thresholds(found.rules[checked.place]),
                 examples=_examples(space, mine, near),
             )
         )

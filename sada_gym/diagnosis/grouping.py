@@ -23,20 +23,20 @@ def grouped(diagnosis: Diagnosis, space: ParameterSpace, mu: Mu) -> list[Group]:
     The failures of one weakness are several groups where wide gaps lie between them. Those in no
     weakness are one group; where there is no weakness at all, gaps alone make the groups.
     """
-    left, found = np.ones(len(mu), np.bool_), []
+    left, groups = np.ones(len(mu), np.bool_), []
     for number, weakness in enumerate(diagnosis.weaknesses, 1):
         rows = np.flatnonzero(left & holds(weakness.conditions, space, mu))
         left[rows] = False
         parts = parts_of(weakness.conditions, space, mu[rows]) if len(rows) else []
         for part in parts:
             where = weakness.text if len(parts) == 1 else words(mu[rows[part]], space)
-            found.append(Group(rows[part], where, number))
+            groups.append(Group(rows[part], where, number))
     rest = np.flatnonzero(left)
     if not diagnosis.weaknesses:
-        found = [Group(rows, words(mu[rows], space), 0) for rows in distinct(mu, space)]
+        groups = [Group(rows, words(mu[rows], space), 0) for rows in distinct(mu, space)]
     elif len(rest):
-        found.append(Group(rest, NO_WEAKNESS, 0))
-    return found
+        groups.append(Group(rest, NO_WEAKNESS, 0))
+    return groups
 
 
 def parts_of(conditions: Sequence[Condition], space: ParameterSpace, mu: Mu) -> list[Indices]:

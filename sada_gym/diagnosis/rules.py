@@ -90,14 +90,15 @@ def draw(
             return np.concatenate(kept)[:n]
         drawn = _draw_single(conditions, space, max(n, _LEAST_DRAWS), rng)
         kept.append(drawn[holds(conditions, space, drawn)])
+    texts = [condition.text for condition in conditions]
     raise UserError(
-        f"Expected conditions that worlds hold, got {[one.text for one in conditions]}, which "
+        f"Expected conditions that worlds hold, got {texts}, which "
         "hardly any world holds. Widen their ranges."
     )
 
 
 def _single(conditions: Sequence[Condition]) -> list[Condition]:
-    return [one for one in conditions if not isinstance(one, SumCondition)]
+    return [condition for condition in conditions if not isinstance(condition, SumCondition)]
 
 
 def _draw_single(

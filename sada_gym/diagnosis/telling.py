@@ -50,17 +50,21 @@ def tell(
     }
     if untold:
         again.play(Evaluations.joined([*untold.values()]))
-    tried = [] if failures is None else [one for one in failures.failures if one.valid_seeds]
-    told = []
+    tried = (
+        []
+        if failures is None
+        else [failure for failure in failures.failures if failure.valid_seeds]
+    )
+    described = []
     for place, weakness in enumerate(weaknesses):
-        found: dict[str, object] = {}
+        changes: dict[str, object] = {}
         if place in untold:
             behaviours = Behaviours.of(again.play(untold[place]))
-            found["behaviour"] = None if behaviours is None else behaviours.sentence
+            changes["behaviour"] = None if behaviours is None else behaviours.sentence
         if tried:
-            found["confirmed"] = _confirmed(weakness, application, tried)
-        told.append(weakness.model_copy(update=found))
-    return diagnosis.model_copy(update={"weaknesses": tuple(told)})
+            changes["confirmed"] = _confirmed(weakness, application, tried)
+        described.append(weakness.model_copy(update=changes))
+    return diagnosis.model_copy(update={"weaknesses": tuple(described)})
 
 
 def _inside(weakness: Weakness, application: Application, mu: Mu) -> Bools:
@@ -78,6 +82,6 @@ def _chosen(failing: Evaluations, count: int, again: PlayedAgain) -> Evaluations
 def _confirmed(
     weakness: Weakness, application: Application, tried: Sequence[Failure]
 ) -> Rate | None:
-    inside = _inside(weakness, application, np.array([one.mu for one in tried], np.float32))
+    inside = _inside(weakness, application, np.array([failure.mu for failure in tried], np.float32))
     own = [tried[i] for i in np.flatnonzero(inside).tolist()]
     return Rate.of(sum(failure.fails_again for failure in own), len(own)) if own else None

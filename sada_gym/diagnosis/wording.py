@@ -20,7 +20,7 @@ def conditions(space: ParameterSpace, rule: Rule) -> tuple[Condition | SumCondit
 
 def listed(said: Sequence[Condition | SumCondition]) -> str:
     """Join conditions that all hold."""
-    return " and ".join(one.text for one in said)
+    return " and ".join(condition.text for condition in said)
 
 
 def thresholds(rule: Rule) -> tuple[Threshold, ...]:

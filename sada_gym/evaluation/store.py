@@ -168,11 +168,11 @@ class EvaluationStore:
         columns = self._connection.execute(
             "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
         ).fetchall()
-        there = {name for (name,) in columns}
-        missing = sorted(_COLUMNS - there)
-        self._has_invalid = any(name.startswith("invalid.") for name in there)
+        known = {name for (name,) in columns}
+        missing = sorted(_COLUMNS - known)
+        self._has_invalid = any(name.startswith("invalid.") for name in known)
         if self._has_invalid:
-            missing += sorted(_INVALID_COLUMNS - there)
+            missing += sorted(_INVALID_COLUMNS - known)
         if missing:
             raise corrupt(self.path, f"it lacks {', '.join(missing)}")
         if self._connection.execute(_UNSOUND).fetchone() is not None:

@@ -86,7 +86,7 @@ class RunFolder:
         )
 
     def release(self) -> None:
-        """Give the folder back if its run made no evaluation, so that nothing of it is left."""
+        """Remove the folder if its run made no evaluation, so that nothing of it is left."""
         store = self.folder / STORE_FILE
         if self.made is None:
             return

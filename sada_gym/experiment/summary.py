@@ -186,7 +186,9 @@ class _Values:
     """Writes physical values by the parameters' names; by their labels where these are known."""
 
     def __init__(self, space: ParameterSpace | None) -> None:
-        self._known = {} if space is None else {one.name: one for one in space.parameters}
+        self._known = (
+            {} if space is None else {parameter.name: parameter for parameter in space.parameters}
+        )
 
     def label(self, name: str) -> str:
         return self._known[name].label if name in self._known else name

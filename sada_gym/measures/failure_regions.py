@@ -97,7 +97,7 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     )
     share = float(among.mean())
     mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
-    listed = " and ".join(found.text for found in conditions)
+    listed = " and ".join(condition.text for condition in conditions)
     return FailureRegions(
         sentence=f"Fails {mostly} where {listed}: {percent(share)} of the {len(different):,} "
         f"failures, against {percent(uniform)} of uniform worlds.",

@@ -87,7 +87,7 @@ class FailureModel:
     def influences(self, names: Sequence[str]) -> tuple[Influence, ...]:
         """Return the influence of each parameter, the greatest first."""
         means, low, high = self._shares
-        found = [
+        influences = [
             Influence(
                 parameter=name,
                 first=float(means[0, i]),
@@ -97,7 +97,7 @@ class FailureModel:
             )
             for i, name in enumerate(names)
         ]
-        return tuple(sorted(found, key=lambda influence: -influence.total))
+        return tuple(sorted(influences, key=lambda influence: -influence.total))
 
     @cached_property
     def _shares(self) -> tuple[Floats, Floats, Floats]:

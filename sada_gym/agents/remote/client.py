@@ -223,7 +223,7 @@ class RemoteAgent:
         drawn = [parts.sample() for _ in range(self._rows)]
         tile = {
             f"{OBSERVATION}.{key}" if key != ALONE else OBSERVATION: np.stack(
-                [one[key] for one in drawn]
+                [observation[key] for observation in drawn]
             )
             for key in parts
         }

@@ -138,7 +138,7 @@ class Channel:
         if text != self._got[0]:
             self._got = (text, *_parsed(text))
         _, header, listed = self._got
-        return header, {one.name: self._read_array(one) for one in listed}
+        return header, {entry.name: self._read_array(entry) for entry in listed}
 
     def _wait_awake(self) -> None:
         """Wait a moment for a message without sleeping, unless others need the core."""
@@ -155,9 +155,9 @@ class Channel:
                 self._asleep = _ASLEEP
                 return
 
-    def _read_array(self, one: _Listed) -> Array:
-        array = np.frombuffer(self._read(one.size), one.dtype)
-        return array.reshape(one.shape).copy()
+    def _read_array(self, entry: _Listed) -> Array:
+        array = np.frombuffer(self._read(entry.size), entry.dtype)
+        return array.reshape(entry.shape).copy()
 
     def _read(self, count: int) -> bytes:
         content = self._incoming.read(count)

@@ -104,7 +104,7 @@ def _follow(start: Any, plan: Sequence[str]) -> Route | None:
             if not plan or too_near:
                 return None
             command = COMMANDS.index(plan.pop(0))
-            options = [one for one in ahead if _turn(way[-1], one) == COMMANDS[command]]
+            options = [option for option in ahead if _turn(way[-1], option) == COMMANDS[command]]
             if not options:
                 return None
             chosen = options[0]

@@ -56,7 +56,9 @@ class ParameterSet:
     @property
     def pitch_range(self) -> tuple[float, float]:
         """The range of the camera's pitch, in degrees."""
-        pitch = next(one for one in self.parameters.parameters if one.name == _PITCH)
+        pitch = next(
+            parameter for parameter in self.parameters.parameters if parameter.name == _PITCH
+        )
         return pitch.low, pitch.high
 
     def with_pitch(self, low: float, high: float) -> ParameterSet:

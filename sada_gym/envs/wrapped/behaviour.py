@@ -19,7 +19,7 @@ _GOOD = ("is_success", "success", "TimeLimit.truncated")
 def behaviour(episodes: Sequence[RunningEpisode], threshold: float) -> Behaviour:
     """Say how the episodes of one world, which have ended, did so."""
     each = [_data(episode) for episode in episodes]
-    failed = [bool(one.broken) or fools(one.score, threshold) for one in episodes]
+    failed = [bool(episode.broken) or fools(episode.score, threshold) for episode in episodes]
     events = [
         (f"episode {i}: {_text(data, episode)}", _event(episode))
         for i, (data, episode, fails) in enumerate(zip(each, episodes, failed, strict=True), 1)

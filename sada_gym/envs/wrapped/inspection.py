@@ -70,5 +70,5 @@ def check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
 
 def _own_limit(env: gym.Env[Any, Any]) -> str:
     known = {name: getattr(env.unwrapped, name, None) for name in _OWN_LIMITS}
-    told = [f"{name}={value}" for name, value in known.items() if is_number(value)]
-    return f" (it has {', '.join(told)})" if told else ""
+    limits = [f"{name}={value}" for name, value in known.items() if is_number(value)]
+    return f" (it has {', '.join(limits)})" if limits else ""

@@ -186,10 +186,10 @@ def convert(model: bytes, weights: bytes, outputs: Sequence[str]) -> bytes:
     constants = _constants(described["weightsManifest"], weights)
     users = Counter(each for node in nodes.values() for each in node.get("input", []))
     converter = _Converter(nodes, constants, users)
-    found = [converter.value(name) for name in outputs]
+    values = [converter.value(name) for name in outputs]
     program = {
         "steps": converter.steps,
-        "outputs": [[value.step, value.scale] for value in found],
+        "outputs": [[value.step, value.scale] for value in values],
     }
     return save(converter.weights, {"architecture": json.dumps(program, sort_keys=True)})
 

@@ -90,7 +90,7 @@ def read_obj(text: str, companions: Companions | None = None) -> Triangles:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Give each statement with its line's number, without comments; continued lines are joined."""
+    """Yield each statement with its line's number, without comments; continued lines are joined."""
     started = ""
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
         line, comment, _ = line.partition("#")
