@@ -2,7 +2,7 @@
 
 A hit is a query that fooled. Where luck counts, a hit may have been luck, and a surrogate of a
 thousand queries may not see the shape of the fooling set. Then a hit that was checked says more
-about the world beside it than the surrogate does.
+about the world beside it than the surrogate does. Between two hits there often are more.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from sada_gym.parameters import Mu
 
 _MAX_CHECKS = 2
 _MIN_CHECKED = 10
+_NEIGHBOURS = 3
+_BETWEEN = (0.3, 0.7)
+"""Where a check between two hits goes, from one to the other."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,13 @@ class CheckedHitsOptions(LevelSetOptions):
 
     Attributes:
         checks: The largest share of a round that checks hits; 0 never does.
+        between: The share of the checks that go between two hits, and may be hits of their own.
         width: The standard deviation of a step from a hit, in each parameter.
         keep: The least chance to fool again of a hit that samples lie beside.
     """
 
     checks: float = option(0.5, 0, 1)
+    between: float = option(0.5, 0, 1)
     width: float = option(0.03, 0, 1, inside=True)
     keep: float = option(0.55, 0, 1)
 
@@ -129,8 +134,28 @@ class CheckedHits(LevelSet):
         p = surrogate(pool)
         level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
         misses = 1.0 - float(p[p >= level].mean())
-        rows = hits.to_check(int(min(misses, self.options.checks) * count))
-        return self._beside(hits.mu[rows])
+        checks = int(min(misses, self.options.checks) * count)
+        likely = hits.kept(0.5)
+        between = int(self.options.between * checks) if len(likely) > _NEIGHBOURS else 0
+        beside = self._beside(hits.mu[hits.to_check(checks - between)])
+        return np.concatenate([beside, self._between(likely, between)])
+
+    def _between(self, hits: Floats, count: int) -> Mu:
+        """Go from hits, each about as often as any other, to one of those nearest to them."""
+        if not count:
+            return self._uniform(0)
+        distances = cdist(hits, hits)
+        np.fill_diagonal(distances, np.inf)
+        nearest = np.argsort(distances, axis=1)[:, :_NEIGHBOURS]
+
+        def step(n: int) -> Mu:
+            rows = np.resize(self.rng.permutation(len(hits)), n)
+            others = nearest[rows, self.rng.integers(_NEIGHBOURS, size=n)]
+            way = self.rng.uniform(*_BETWEEN, (n, 1))
+            mu: Mu = (hits[rows] + way * (hits[others] - hits[rows])).astype(np.float32)
+            return mu
+
+        return draw_permitted(step, count, self._permits)
 
     def _hits(self, queries: Evaluations, surrogate: Surrogate) -> Hits:
         radius = 2.0 * self.options.width * np.sqrt(self.dimension)

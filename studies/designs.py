@@ -116,6 +116,7 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "own samples, half": ("studies.acquisitions:OwnHalf", {}),
         "own samples, last round": ("studies.acquisitions:OwnLast", {}),
         "checked hits": ("studies.checked_hits:CheckedHits", {}),
+        "checked hits, none between": ("studies.checked_hits:CheckedHits", {"between": 0.0}),
         "no active queries": ("level-set", {"rounds": 0}),
         "a quarter uniform": ("level-set", {"uniform": 0.25}),
         "eight rounds": ("level-set", {"rounds": 8}),

@@ -37,6 +37,17 @@ def test_the_rate_beside_hits_is_estimated_from_checks_that_took_no_part_in_the_
     assert Hits(mu[:203], fooled[:203], np.full(203, 0.3), radius=1e-3).rate(0.5) == 0.0
 
 
+def test_a_check_between_two_hits_lies_on_the_way_from_one_to_a_near_one():
+    adversary = CheckedHits(2, seed=0)
+    hits = np.array([[x, y] for x in (-0.9, 0.9) for y in (0.0, 0.1, 0.2, 0.3)])
+    between = adversary._between(hits, 40)
+    assert between.shape == (40, 2)
+    assert np.abs(between[:, 0]) == pytest.approx(0.9)  # never from one group to the other
+    assert np.ptp(between[:, 1]) <= 0.3
+    assert (np.abs(between[:, 1, None] - hits[:, 1]).min(axis=1) > 1e-3).all()
+    assert adversary._between(hits, 0).shape == (0, 2)
+
+
 def train(adversary, landscape):
     adversary.train(FunctionOracle(landscape, 400))
     return landscape.fooling_rate(adversary.sample(200)).mean()
