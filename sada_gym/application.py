@@ -89,8 +89,8 @@ class Application(ABC):
     - what a stored score belongs to: `version`, `settings`, `fingerprint`;
     - the agent: `agent`, `agent_name`, `privileged_score`;
     - what the agent does in a failure, in words: `behaviour`, or `behaviours`;
-    - pictures: `render` and its `legend`, `render_batch`, `replay` and its `render_fps`,
-      `observation`;
+    - pictures: `render` and its `legend`, `frames_tell_values`, `render_batch`, `replay` and its
+      `render_fps`, `observation`;
     - what a run costs: `seconds_per_world`;
     - `close`, where it holds anything.
 
@@ -107,12 +107,15 @@ class Application(ABC):
         repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
             simulator that cannot promise it says so; agents are then not asked twice.
         render_fps: Frames of `replay` in a second of its episode.
+        frames_tell_values: Whether frames of `render` say the world's physical values; the sheet of
+            failures then does not repeat them.
     """
 
     name: ClassVar[str]
     version: ClassVar[int] = 0
     repeatable: ClassVar[bool] = True
     render_fps: ClassVar[int] = 4
+    frames_tell_values: ClassVar[bool] = False
     fooling_threshold: float
     sample_size: int
     parameters: ParameterSpace

@@ -243,6 +243,7 @@ def attack(
                 *outcome,
                 folder,
                 report_progress,
+                headline="" if diagnosis is None else diagnosis.sentence,
                 anew=not was_finished,
                 on_frame=frames.__setitem__,
             )

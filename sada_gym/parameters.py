@@ -142,10 +142,16 @@ class Parameter:
             return f"{self.label} {self.choices[min(int(place), count - 1)]}"
         if self.whole:
             value = min(max(math.floor(value + 0.5), self.low + 0.5), self.high - 0.5)
+        elif not self.log:
+            digits = 3 - math.floor(math.log10(self.high - self.low))
+            if abs(value) < 100 * 10.0**-digits:  # 8.44e-05 m of a range of 0.3 m is 0.0001 m
+                value = round(value, digits) + 0.0
         return f"{self.label} {self.with_unit(number(value))}"
 
     def with_unit(self, written: str) -> str:
-        """Add the unit to a number, as in `35°` or `3 m`."""
+        """Add the unit to a number, as in `35°`, `3 m` or `2 per m²`."""
+        if self.unit.startswith("1/"):
+            return f"{written} per {self.unit[2:]}"
         return f"{written}°" if self.unit == "deg" else f"{written} {self.unit}".rstrip()
 
 

@@ -135,6 +135,11 @@ def test_doubled_names_are_refused() -> None:
     [
         (Parameter("camera_pitch_deg", -90, 90, "deg"), -12.34, "camera pitch \N{MINUS SIGN}12.3°"),
         (Parameter("wind_speed_m_s", 0, 9, "m/s"), 3.0, "wind speed 3 m/s"),
+        (Parameter("offset_m", -0.15, 0.15, "m"), 8.44e-5, "offset 0.0001 m"),
+        (Parameter("yaw_deg", -180, 180, "deg"), -0.02, "yaw 0°"),
+        (Parameter("offset_m", -15, -5, "m"), -10.448, "offset \N{MINUS SIGN}10.4 m"),
+        (Parameter("rate", 1e-6, 1.0, log=True), 8.44e-5, "rate 8.44e\N{MINUS SIGN}05"),
+        (Parameter("density", 0, 2, "1/m²"), 1.5, "density 1.5 per m²"),
         (Parameter("mass", 0, 5000), 4321.0, "mass 4,321"),
         (Parameter("light", 0, 2, choices=("low", "high")), 2.0, "light high"),
     ],

@@ -27,13 +27,15 @@ def draw_missing(
     folder: Path,
     on_progress: OnProgress,
     *,
+    headline: str = "",
     anew: bool = False,
     on_frame: Callable[[int, Frame], None] = lambda sample, frame: None,  # noqa: ARG005
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into its folder, and return their files.
 
     Those that are there already are returned as they are, unless all are to be drawn anew.
-    `on_frame` gets the frames of the sheet of failures, with the samples' rows.
+    The `headline` of the sheet of failures is by default the sentence of the figures. `on_frame`
+    gets the frames of the sheet of failures, with the samples' rows.
     """
     known, beside = tuple(sorted(folder.glob("*.png"))), folder / _UNFINISHED
     are_whole = not beside.exists() and all(path.stat().st_size for path in known)
@@ -49,7 +51,7 @@ def draw_missing(
             samples,
             queries,
             beside,
-            headline=report.where.sentence,
+            headline=headline or report.where.sentence,
             on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
             on_frame=on_frame,
         )

@@ -15,7 +15,7 @@ WIDTH = 1400
 """The width of a sheet in pixels. It can be read at half of that."""
 
 _MARGIN, _GAP = 24, 20
-_HEADLINE, _HEADING, _TEXT = 32, 30, 24  # font sizes
+_HEADLINE, _HEADING, _TEXT, _SMALL = 32, 30, 24, 20  # font sizes
 _LINE = 1.35
 _SWATCH = (48, 26)
 _MOST_COLUMNS, _READABLE = 4, 0.5
@@ -24,7 +24,10 @@ _TALLEST = 1.6  # times a cell's width
 
 @dataclass(frozen=True)
 class FrameGroup:
-    """Some frames, each with a caption, under a heading and a few words on what the group is."""
+    """Some frames, each with a caption, under a heading and a few words on what the group is.
+
+    What follows the first line of a caption is written smaller.
+    """
 
     title: str
     note: str
@@ -121,15 +124,21 @@ def _legend(entries: Sequence[LegendEntry]) -> Image.Image:
 def _row(frames: Sequence[Frame], captions: Sequence[str], columns: int) -> Image.Image:
     cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
     pictures = [resized_into(Image.fromarray(frame), cell, _TALLEST * cell) for frame in frames]
-    face, line = font(_TEXT), round(_LINE * _TEXT)
-    texts = [wrapped(caption, face, cell) for caption in captions]
-    top = line * max(map(len, texts)) + 6
+    large, small = font(_TEXT), font(_SMALL)
+    line, less = round(_LINE * _TEXT), round(_LINE * _SMALL)
+    parts = [caption.partition("\n") for caption in captions]
+    titles = [wrapped(first, large, cell) for first, _, _ in parts]
+    texts = [wrapped(rest, small, cell) for _, _, rest in parts]
+    heights = [line * len(a) + less * len(b) for a, b in zip(titles, texts, strict=True)]
+    top = max(heights) + 6
     strip = _space(top + max(picture.height for picture in pictures) + _GAP)
     draw = ImageDraw.Draw(strip)
-    for i, (picture, lines) in enumerate(zip(pictures, texts, strict=True)):
-        left = _MARGIN + i * (cell + _GAP)
-        for k, words in enumerate(lines):
-            draw.text((left, k * line), words, rgb(INK), face)
+    for i, picture in enumerate(pictures):
+        left, below = _MARGIN + i * (cell + _GAP), line * len(titles[i])
+        for k, words in enumerate(titles[i]):
+            draw.text((left, k * line), words, rgb(INK), large)
+        for k, words in enumerate(texts[i]):
+            draw.text((left, below + k * less), words, rgb(MUTED), small)
         strip.paste(picture, (left, top))
         corner = (left + picture.width - 1, top + picture.height - 1)
         draw.rectangle((left, top, *corner), outline=rgb(GRID))

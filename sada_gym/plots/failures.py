@@ -17,7 +17,7 @@ from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_choice import Failure, choose_failures
 from sada_gym.plots.failure_sheet import FrameGroup, columns_for, failure_sheet
 
-_MOST_VALUES = 6
+_MOST_VALUES = 10
 
 
 class NotDrawnError(Exception):
@@ -68,12 +68,13 @@ def draw_failures(
             pictures.append(frame)
             on_progress(len(pictures), total)
     rest, groups = iter(pictures), []
+    told = None if application.frames_tell_values else space
     for name, note, failures in (
         ("Worst", "the lowest scores Q", chosen.worst),
         ("Typical", "each stands for the failures nearest to it", chosen.typical),
         ("Diverse", "those that are least like the others here", chosen.diverse),
     ):
-        captions = [_caption(failure, samples, space if plain else None) for failure in failures]
+        captions = [_caption(failure, samples, told) for failure in failures]
         groups.append(FrameGroup(name, note, [next(rest) for _ in failures], captions))
     fooled = int(samples.fooled(threshold).sum())
     title = (

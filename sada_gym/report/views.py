@@ -5,17 +5,19 @@ from __future__ import annotations
 import base64
 import math
 import shlex
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from sada_gym.diagnosis.record import Rate, Weakness
+from sada_gym.diagnosis.summary import rows as weakness_rows
 from sada_gym.experiment.summary import summary_rows
 from sada_gym.report.run import ReportedRun, highlights
 from sada_gym.report.thumbnails import World, plot_of
 from sada_gym.report.worlds import parameters_of
 
-_MOST_VALUES = 8
+_MOST_VALUES, _MOST_TOLD = 8, 110
 _PLOTS = {
     "sphere.png": "The samples around the object, seen from above",
     "influence.png": "The chance of failing along each parameter, and a map of the two that matter "
@@ -45,12 +47,22 @@ class NamedRate:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on the first screen, with the physical values of its world."""
+    """A picture on the first screen, with the physical values of its world.
+
+    `told` says what the agent did there, and `brief` its beginning; both are empty where that is
+    not known.
+    """
 
     key: str
     source: str
     title: str
     values: tuple[str, ...]
+    told: str
+
+    @property
+    def brief(self) -> str:
+        """As much of `told` as a caption has room for."""
+        return textwrap.shorten(self.told, _MOST_TOLD, placeholder=" …")
 
 
 @dataclass(frozen=True)
@@ -151,7 +163,11 @@ class RunView:
     @property
     def figures(self) -> list[tuple[str, str]]:
         """The lines of the attack's summary; none where result.json cannot be read."""
-        return [] if self.run.result is None else list(summary_rows(self.run.result))
+        if self.run.result is None:
+            return []
+        diagnosis = self.run.diagnosis
+        where = () if diagnosis is None else weakness_rows(diagnosis)
+        return list(summary_rows(self.run.result, where=where, space=self.run.space))
 
     @property
     def versions(self) -> dict[str, str]:
@@ -177,7 +193,7 @@ class RunView:
     def _picture(self, world: World, first: Sequence[str]) -> Picture:
         place = "" if world.row is None else f"Sample {world.row}: "
         told = self.run.told.get(-1 if world.row is None else world.row, "")
-        title = f"{place}Q = {world.score:.2f}{f', {told}' if told else ''}"
+        title = f"{place}Q = {world.score:.2f}"
         space = self.run.space
         texts = {
             parameter.name: parameter.text(value)
@@ -189,7 +205,8 @@ class RunView:
         values = [texts[name] for name in order if name in texts]
         if len(values) > _MOST_VALUES:
             values[_MOST_VALUES:] = [f"and {len(values) - _MOST_VALUES} more"]
-        return Picture(world.key, data_uri(self.run.pictures[world.key]), title, tuple(values))
+        source = data_uri(self.run.pictures[world.key])
+        return Picture(world.key, source, title, tuple(values), told)
 
 
 def _heading(text: str) -> str:

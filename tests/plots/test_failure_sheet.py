@@ -44,6 +44,15 @@ def test_a_long_headline_is_broken_into_lines():
     assert heights[0] < heights[1] < heights[2]
 
 
+def test_what_follows_a_captions_first_line_is_smaller():
+    heights = []
+    for caption in ("Q", "Q\na", "Q\na\nb"):
+        group = FrameGroup("All", "", [FRAME], [caption])
+        heights.append(failure_sheet([group], 3, (), "One").height)
+    one, two, three = heights
+    assert two - one == three - two == round(1.35 * 20)
+
+
 def test_frames_of_any_shape_fit():
     frames = [np.zeros(shape, np.uint8) for shape in ((1, 1, 3), (900, 20, 3), (20, 2000, 3))]
     group = FrameGroup(

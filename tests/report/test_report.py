@@ -23,6 +23,7 @@ from sada_gym.report.make import report
 from sada_gym.report.page import page
 from sada_gym.report.run import read_reported
 from sada_gym.report.thumbnails import THUMBNAILS_FILE
+from sada_gym.report.views import Picture
 
 
 class Page(html.parser.HTMLParser):
@@ -282,6 +283,9 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
     )
     assert "Taken for a 4 in 7 of 10." in first
     assert f"Sample {row}: Q = 0.10" in first
+    figures = shown.text.partition("The figures")[2]
+    assert "scale is below 1: 80 % (67 to 89) fooled" in figures
+    assert "Fails mostly where" not in figures
     failure, chances = (image["alt"] for image in shown.all("img"))
     assert failure.startswith(f"Sample {row}: Q = 0.10")
     assert chances.startswith("The chance of failing")
@@ -291,6 +295,14 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
 
 
 @pytest.mark.long
+def test_a_caption_has_room_for_the_beginning_of_what_the_agent_did():
+    told = "left its lane; " * 40
+    picture = Picture("key", "data:,", "Q = 0.10", ("scale 1",), told)
+    assert len(picture.brief) <= 110
+    assert picture.brief.endswith(" …")
+    assert Picture("key", "data:,", "Q = 0.10", ("scale 1",), "").brief == ""
+
+
 def test_two_agents_are_compared_in_the_worlds_that_both_runs_have(tmp_path):
     runs = [run(tmp_path / name, Plain(2, q), budget=60) for name, q in (("a", None), ("b", 0.0))]
     path = report(*(one.folder for one in runs))

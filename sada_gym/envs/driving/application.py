@@ -70,6 +70,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
 
     name = "SADA-Driving"
     render_fps = POLICY_HZ
+    frames_tell_values = True
     fooling_threshold = 0.6
     sample_size = 100
     episodes_class = DrivingEpisodes

@@ -76,6 +76,7 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
 
     name = "SADA-Robot"
     render_fps = POLICY_HZ
+    frames_tell_values = True
     fooling_threshold = 0.6
     sample_size = 100
     parameters = PARAMETERS

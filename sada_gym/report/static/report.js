@@ -47,6 +47,7 @@
   function text(p, value) {
     const found = bare(p, value);
     if (typeof found === "string") return found;
+    if (p.unit.startsWith("1/")) return `${number(found)} per ${p.unit.slice(2)}`;
     return p.unit === "deg" ? `${number(found)}°` : `${number(found)} ${p.unit}`.trim();
   }
 
