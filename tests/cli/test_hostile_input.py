@@ -129,6 +129,7 @@ def test_a_keyword_of_a_wrong_type_or_size_is_refused_or_does(folder, env_id, ke
         [*DETECTION, "--agent", ""],
         [*DETECTION, "--env-kwargs", "object_class=unicorn"],
         [*DETECTION, "--env-kwargs", "image_size=-3"],
+        [*DETECTION, "--env-kwargs", "image_size=null"],
         [*DETECTION, "--env-kwargs", "shapes=3"],
         ["check", "folder.py"],
         ["check", "latin.py"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -102,7 +102,8 @@ class DetectionApplication(Application):
       weights.
     - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of
       CAD files of your own, one folder a class, with `skip_unreadable=False`.
-    - `image_size=None`: pixels a side, by default 128; a multiple of 16 for the shipped detectors.
+    - `image_size="default"`: pixels a side, 128 by default; a multiple of 16 for the shipped
+      detectors.
     - `renderer=None`: the name of a renderer, by default `rasteriser`; or a `Renderer` of your own,
       as an object or as `module:Class`.
     - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 4
@@ -139,14 +140,15 @@ class DetectionApplication(Application):
         agent_id: str | None = None,
         shapes: str | Path | None = None,
         skip_unreadable: bool = False,
-        image_size: int | None = None,
+        image_size: int | Literal["default"] = "default",
         renderer: str | Renderer | None = None,
         tile: int | None = None,
         parameters: str = DEFAULT_PARAMETERS,
         camera_pitch_deg: Sequence[float] | None = None,
         only: str | Sequence[str] | None = None,
     ) -> None:
-        image_size = self.default_image_size if image_size is None else image_size
+        if image_size == "default":
+            image_size = self.default_image_size
         check_integer("image_size", image_size, 32, MAX_IMAGE_SIZE)
         self._parameters_name = parameters
         self._parameter_set = find_parameters(parameters, camera_pitch_deg)
