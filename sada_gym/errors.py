@@ -138,7 +138,10 @@ def described(error: BaseException) -> str:
 
     Addresses of objects are left out, so that the same error reads the same in every process.
     """
-    name, message = type(error).__name__, " ".join(str(error).split()).rstrip(".")
+    name, told = type(error).__name__, str(error).strip()
+    if "Traceback" in told:  # TorchScript's, for example: its last line says what is wrong
+        told = told.splitlines()[-1].removeprefix(f"{name}: ")
+    message = " ".join(told.split()).rstrip(".")
     if not message:
         place = traceback.extract_tb(error.__traceback__)[-1:]
         where = [f" at {PurePath(at.filename).name}:{at.lineno} ({at.line})" for at in place]

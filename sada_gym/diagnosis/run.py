@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -183,5 +184,11 @@ def _known_queries(folder: Path, settings: RunSettings, dimension: int) -> tuple
             context = store.context(settings.experiment.target.application)
             found = store.evaluations(context, seeds)
     if found is None:
+        if seeds:
+            warnings.warn(
+                f"{STORE_FILE} is missing or incomplete: the diagnosis knows the samples alone, "
+                "and finds less than with the training queries.",
+                stacklevel=3,
+            )
         return Evaluations.empty(dimension), 0
     return found, 0 if uniform is None else uniform.worlds

@@ -39,6 +39,7 @@ from sada_gym.regression.suite import (
     Ranged,
     Suite,
     Verdict,
+    criterion,
     suite_path,
     write_suite,
 )
@@ -111,7 +112,7 @@ def export(
             sources=tuple(f"{run} ({shown(folder.name)})" for folder, run, _ in read),
             test_item=_item(target, read[0][0], application, path, settings.packages),
             logical_scenario=tuple(map(Ranged.of, opened.parameters.parameters)),
-            pass_criterion=f"Q > {target.fooling_threshold:g} for at least half of the seeds",
+            pass_criterion=criterion(target.fooling_threshold),
             groups=groups,
             unconfirmed=unconfirmed,
             test_cases=cases,

@@ -138,8 +138,19 @@ class Suite(Strict):
                     f"expected {len(names)} values from -1 to 1 as mu of {case.id!r}, and the "
                     f"parameters {sorted(names)} in its concrete_scenario"
                 )
+            if case.fooled_seeds > len(case.seeds):
+                raise ValueError(
+                    f"expected at most {len(case.seeds)} fooled_seeds of {case.id!r}, as many as "
+                    f"it has seeds, got {case.fooled_seeds}"
+                )
             if case.group > len(self.groups):
                 raise ValueError(f"expected a group of {case.id!r} up to {len(self.groups)}")
+        told = criterion(self.test_item.target.fooling_threshold)
+        if self.pass_criterion != told:
+            raise ValueError(
+                f"expected {told!r} as pass_criterion, got {self.pass_criterion!r}: it only says "
+                "in words what the fooling_threshold of test_item's target decides"
+            )
         return self
 
     @property
@@ -151,6 +162,11 @@ class Suite(Strict):
     def mu(self) -> Mu:
         """The worlds, (n, d)."""
         return np.array([case.mu for case in self.test_cases], np.float32)
+
+
+def criterion(threshold: float) -> str:
+    """Say in words when a world counts as passed."""
+    return f"Q > {threshold:g} for at least half of the seeds"
 
 
 def suite_path(given: str | Path) -> Path:

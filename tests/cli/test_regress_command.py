@@ -109,7 +109,7 @@ def test_a_moved_suite_goes_on_without_the_run_and_with_a_newer_agent_file(folde
         (["regress", "{f}/none", "--agent", "a.pt"], "no such file or folder"),
         (["regress", "{f}/suite", "--agent", "{f}/none.pt"], "no such file"),
         (["regress", "{f}/suite", "--agent", "{f}/pole.toml"], "a zip file that SB3 wrote"),
-        (["regress", "{f}/suite", "--agent", "{f}/wide.pt"], "wide.pt"),
+        (["regress", "{f}/suite", "--agent", "{f}/wide.pt"], "got RuntimeError: mat1"),
         (["regress", "{f}/suite", "--agent", "{f}/better.pt", "--margin", "5"], "a margin above 0"),
     ],
 )
@@ -119,7 +119,7 @@ def test_bad_input_is_one_sentence(folder, args, message):
     result = run(*(word.format(f=folder) for word in args))
     assert result.exit_code == 2, result.output
     assert message in result.stderr
-    assert "Traceback (most recent" not in result.output
+    assert "Traceback" not in result.output
 
 
 def test_a_track_takes_the_names_of_its_agents(tmp_path):

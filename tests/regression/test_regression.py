@@ -226,6 +226,8 @@ def test_runs_without_failures_and_failures_that_do_not_repeat_are_told(tmp_path
         (lambda text: re.sub('"angle0_deg": [^,]*', '"angle0_deg": -80.0', text), "Edit both"),
         (lambda text: text.replace('"seeds": [', '"seeds": [-1,', 1), "seeds"),
         (lambda text: text.replace('"mu": [', '"mu": [0.1,', 1), "2 values from -1 to 1"),
+        (lambda text: re.sub('"fooled_seeds": [0-9]+', '"fooled_seeds": 99', text), "99"),
+        (lambda text: re.sub("Q > [0-9.]+ for", "Q > 0.9 for", text), "only says in words"),
     ],
 )
 def test_a_damaged_suite_is_one_sentence(toy, tmp_path, edit, message):
