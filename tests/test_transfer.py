@@ -16,8 +16,9 @@ from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.evaluator import Evaluated, Evaluator
 from sada_gym.experiment.folder import SOURCE_FILE, read_samples, write_samples
 from sada_gym.files import read_model
+from sada_gym.mapping import map_samples
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.transfer import Comparison, Transfers, confirm, map_samples, transfer
+from sada_gym.transfer import Comparison, Transfers, confirm, transfer
 
 ANALYTIC = "SADA-Analytic-v0"
 

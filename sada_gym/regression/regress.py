@@ -24,6 +24,7 @@ from sada_gym.experiment.differences import differences
 from sada_gym.experiment.packages import version
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import OneLine, Strict, parse_toml, shown
+from sada_gym.mapping import map_samples
 from sada_gym.regression.compare import (
     Change,
     Decision,
@@ -33,7 +34,6 @@ from sada_gym.regression.compare import (
     verdict_of,
 )
 from sada_gym.regression.suite import Case, Item, Suite, Verdict, read_suite
-from sada_gym.transfer import map_samples
 
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
 

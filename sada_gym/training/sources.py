@@ -23,11 +23,11 @@ from sada_gym.experiment.finished import read_run
 from sada_gym.experiment.folder import ADVERSARY_FOLDER, SETTINGS_FILE, read_finished
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import shown
+from sada_gym.mapping import map_samples
 from sada_gym.measures.failure_regions import Condition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.regression.suite import SUITE_FILE, read_suite
 from sada_gym.training.worlds import WorldSpace
-from sada_gym.transfer import map_samples
 
 DRAWN = 2_000
 """So many worlds are drawn from an adversary or a diagnosis, once; episodes choose among them."""
