@@ -7,6 +7,7 @@ import hashlib
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from sada_gym.arrays import Indices
 from sada_gym.evaluations import Evaluations
 from sada_gym.report.paired import different_settings, pair
 from sada_gym.report.run import ReportedRun
-from sada_gym.report.thumbnails import sample
+from sada_gym.report.thumbnails import fitting, sample
 from sada_gym.report.views import RunView, data_uri
 from sada_gym.report.worlds import weakness_of
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 MOST_WORLDS = 20_000
 """A page plots so many worlds; of more it plots some, evenly chosen, and says so."""
-_MOST_BYTES = 2_500_000  # of their numbers
+_MOST_BYTES = 1_500_000  # of their numbers
 
 _FOLDER = Path(__file__).parent
 
@@ -36,9 +37,10 @@ _FOLDER = Path(__file__).parent
 def page(run: ReportedRun, other: ReportedRun | None = None) -> bytes:
     """Make the page of a run, or of two side by side."""
     if other is None:
-        views = [RunView(run)]
+        views = [RunView(replace(run, pictures=fitting(run.pictures)))]
         more: dict[str, Any] = {}
     else:
+        run, other = (replace(one, pictures=fitting(one.pictures, 2)) for one in (run, other))
         views = [RunView(run, "A"), RunView(other, "B")]
         more = {"paired": pair(run, other), "differences": different_settings(run, other)}
     data = [_plotted(view, len(views)) for view in views]

@@ -22,9 +22,10 @@ from sada_gym.frames import Frame, validate_frame
 THUMBNAILS_FILE = "thumbnails.zip"
 
 _WIDTH, _HEIGHT, _QUALITY = 560, 480, 68
-_MOST_BYTES = 6_000_000
-"""The most bytes of pictures: a report, which writes them as text, stays below 10 MB."""
-_MOST_PLOT_BYTES = 500_000
+_MOST_BYTES = 4_000_000
+"""The most bytes of pictures: a report of one run or two, which writes them as text, a third
+longer, stays below 10 MB with its plots and numbers."""
+_MOST_PLOT_BYTES = 400_000
 _MOST_DRAWN, _SHARE = 24, 50
 """An attack draws a further picture for so many evaluations each, and not more than 24."""
 
@@ -76,7 +77,7 @@ def read_thumbnails(folder: Path) -> dict[str, bytes]:
     if not path.is_file():
         return {}
     try:
-        content = read_file(path, 2 * _MOST_BYTES)
+        content = read_file(path, 3 * _MOST_BYTES)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             stored = [one for one in archive.infolist() if one.compress_type == zipfile.ZIP_STORED]
             pictures = {one.filename.removesuffix(".webp"): archive.read(one) for one in stored}
@@ -87,15 +88,22 @@ def read_thumbnails(folder: Path) -> dict[str, bytes]:
 
 def write_thumbnails(folder: Path, pictures: Mapping[str, bytes]) -> dict[str, bytes]:
     """Write thumbnails, the first ones as far as there is room, and return those written."""
-    kept, size, buffer = {}, 0, io.BytesIO()
+    kept, buffer = fitting(pictures), io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        for key, picture in pictures.items():
-            size += len(picture)
-            if size > _MOST_BYTES:
-                break
-            kept[key] = picture
+        for key, picture in kept.items():
             archive.writestr(zipfile.ZipInfo(f"{key}.webp"), picture)  # without a date
     write_file(folder / THUMBNAILS_FILE, buffer.getvalue())
+    return kept
+
+
+def fitting(pictures: Mapping[str, bytes], runs: int = 1) -> dict[str, bytes]:
+    """Return the first pictures of a run, as far as a page of so many runs has room."""
+    kept, size = {}, 0
+    for key, picture in pictures.items():
+        size += len(picture)
+        if size > _MOST_BYTES // runs:
+            break
+        kept[key] = picture
     return kept
 
 

@@ -90,6 +90,18 @@ def test_one_broken_world_is_inconclusive(toy, tmp_path):
     assert "at least 4 more worlds" in result.decision.reason
 
 
+def test_a_suite_of_one_world_with_tags_for_its_name(toy, tmp_path):
+    content = json.loads(toy.read_text())
+    (case,) = content["test_cases"] = content["test_cases"][:1]
+    case.update(id="<script>alert(1)</script>", expected_result="pass")
+    edited = tmp_path / "one.json"
+    edited.write_text(json.dumps(content))
+    result = regress(edited, Toy(2, offset=OLD))
+    assert result.exit_code == 3
+    assert len(ET.fromstring(junit(result)).findall(".//testcase/failure")) == 1
+    assert "<script>" not in markdown(result)
+
+
 def test_a_baseline_replaces_what_the_suite_expects(toy):
     better, worse = Toy(2, offset=OLD + 0.2), Toy(2, offset=OLD - 0.05)
     result = regress(toy, worse, baseline=better)

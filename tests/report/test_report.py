@@ -1,6 +1,7 @@
 """report.html: what stands in it, and what runs it can be made of."""
 
 import base64
+import dataclasses
 import html.parser
 import json
 import re
@@ -295,6 +296,16 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("runs", [1, 2])
+def test_a_page_with_as_many_pictures_as_can_be_is_below_10_mb(digits, runs):
+    found = read_reported(digits.folder)
+    large = {key: b"RIFF    WEBP" + bytes(250_000) for key in found.pictures}
+    large |= {f"{i:016x}": bytes(250_000) for i in range(40 - len(large))}
+    found = dataclasses.replace(found, pictures=large)
+    content = page(*[found] * runs)
+    assert 1_000_000 < len(content) < 10_000_000
+
+
 def test_a_caption_has_room_for_the_beginning_of_what_the_agent_did():
     told = "left its lane; " * 40
     picture = Picture("key", "data:,", "Q = 0.10", ("scale 1",), told)
