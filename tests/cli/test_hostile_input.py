@@ -2,6 +2,7 @@
 
 import os
 import random
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -20,6 +21,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with all sorts of things that are no run, no model and no module."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python's own files are no command's
     (tmp_path / "file").write_text("mine")
     (tmp_path / "weights.safetensors").write_bytes(b"\x00" * 64)
     (tmp_path / "folder.py").mkdir()

@@ -251,9 +251,12 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
     monkeypatch.setattr("sada_gym.plots.attack.draw_attack", draw)
     reported = []
     result = run(tmp_path, pictures=True, html=False, on_progress=reported.append)
-    assert asked["headline"] == result.report.where.sentence != ""
+    assert result.diagnosis is not None
+    assert asked["headline"] == result.diagnosis.sentence != ""
     assert result.pictures == (tmp_path / "sheet.png",)
     assert reported[-2:] == [RunProgress("pictures"), RunProgress("pictures", 1, 2)]
+    undiagnosed = run(tmp_path / "undiagnosed", pictures=True, html=False, diagnose=False)
+    assert asked["headline"] == undiagnosed.report.where.sentence != ""
 
 
 def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
