@@ -50,11 +50,8 @@ def tell(
     }
     if untold:
         again.play(Evaluations.joined([*untold.values()]))
-    tried = (
-        []
-        if failures is None
-        else [failure for failure in failures.failures if failure.valid_seeds]
-    )
+    listed = () if failures is None else failures.failures
+    tried = [failure for failure in listed if failure.valid_seeds]
     described = []
     for place, weakness in enumerate(weaknesses):
         changes: dict[str, object] = {}

@@ -12,15 +12,15 @@ import numpy as np
 
 from sada_gym.agents.contract import Indices, Interface
 from sada_gym.agents.remote.messages import (
-    OBSERVATION,
     PROTOCOL,
     Array,
     Message,
     Nonsense,
+    array_name,
     space_to_json,
 )
 from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
-from sada_gym.agents.tile import ALONE, Batch, fits_batches, keyed
+from sada_gym.agents.tile import Batch, fits_batches, keyed
 from sada_gym.errors import AgentLost, UserError
 
 USUAL_ROWS = 16
@@ -97,10 +97,7 @@ class RemoteAgent:
         It raises `AgentLost` if the process died, stalled or answered nonsense, and `UserError` if
         the agent itself raised an error.
         """
-        arrays = {
-            f"{OBSERVATION}.{key}" if key != ALONE else OBSERVATION: value
-            for key, value in episodes.observe(which).items()
-        }
+        arrays = {array_name(key): value for key, value in episodes.observe(which).items()}
         if self._hello["action_masks"]:
             arrays["action_masks"] = episodes.action_masks(which)
         if not self._deterministic:
@@ -222,10 +219,7 @@ class RemoteAgent:
         parts.seed(0)
         drawn = [parts.sample() for _ in range(self._rows)]
         tile = {
-            f"{OBSERVATION}.{key}" if key != ALONE else OBSERVATION: np.stack(
-                [observation[key] for observation in drawn]
-            )
-            for key in parts
+            array_name(key): np.stack([observation[key] for observation in drawn]) for key in parts
         }
         if self._hello["action_masks"]:
             from sada_gym.agents.model_call import mask_size

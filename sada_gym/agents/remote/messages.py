@@ -24,6 +24,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sada_gym.agents.tile import ALONE
+
 PROTOCOL = 1
 CONNECT = "SADA_GYM_CONNECT"
 """The environment variable that tells a started program where to connect: host:port."""
@@ -175,6 +177,11 @@ def _parsed(text: bytes) -> tuple[dict[str, Any], list[_Listed]]:
     if not isinstance(listed, list):
         raise Nonsense("a header that is no object, or has no list of arrays")
     return header, [_Listed.of(about) for about in listed]
+
+
+def array_name(key: str) -> str:
+    """Return the name of the array of a part of the observations, see `keyed`."""
+    return OBSERVATION if key == ALONE else f"{OBSERVATION}.{key}"
 
 
 def space_to_json(space: spaces.Space[Any]) -> dict[str, Any]:

@@ -21,12 +21,12 @@ from sada_gym.agents.given import agent_of
 from sada_gym.agents.remote.messages import (
     CONNECT,
     CONNECT_UNIX,
-    OBSERVATION,
     PROTOCOL,
     Array,
     Channel,
     Message,
     Nonsense,
+    array_name,
     space_from_json,
 )
 from sada_gym.agents.tile import ALONE, Batch, keyed
@@ -191,8 +191,7 @@ class _Session:
         self._which: Indices = np.empty(0, np.intp)
         self._rows: dict[int, int] = {}
         self._seeds: dict[int, int] = {}
-        keys = [*keyed(interface.observation_space)]
-        self._names = {key: OBSERVATION if key == ALONE else f"{OBSERVATION}.{key}" for key in keys}
+        self._names = {key: array_name(key) for key in keyed(interface.observation_space)}
 
     def act(self, message: Message) -> dict[str, Array]:
         header, self._arrays = message
