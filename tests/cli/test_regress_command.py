@@ -9,11 +9,11 @@ import shutil
 import subprocess
 import sys
 import textwrap
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 import torch
+from junitparser import Failure, JUnitXml, Skipped
 from stable_baselines3 import PPO
 from torch import nn
 from typer.testing import CliRunner
@@ -59,7 +59,7 @@ def folder(tmp_path_factory) -> Path:
     (folder / "pole.toml").write_text(POLE)
     for name, velocity in (("the agent", -0.02), ("better", 1.0), ("worse", -0.1)):
         save(velocity, folder / f"{name}.pt")
-    words = "-a random --budget 0 --samples 80 --workers 1 --out"
+    words = "-a random --budget 0 --samples 80 --workers 1 --no-report --out"
     assert run("attack", folder / "pole.toml", *words.split(), folder / "run").exit_code == 0
     exported = run("export", folder / "run", "--out", folder / "suite", "--confirm", "2")
     assert exported.exit_code == 0, exported.output
@@ -67,26 +67,72 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("agent", "code", "words"),
-    [
-        ("the agent.pt", 0, "Passed. It is the same agent in the same application."),
-        ("better.pt", 0, "Passed. None of"),
-        ("worse.pt", 1, "Failed. "),
-    ],
-)
-def test_exit_codes_of_files(folder, tmp_path, agent, code, words):
+@pytest.fixture(scope="module")
+def new_zip(tmp_path_factory) -> Path:
+    """Return an SB3 agent that is worse: it always pushes to the left."""
+    untrained = PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu", n_steps=64)
+    with torch.no_grad():
+        untrained.policy.action_net.bias[:] = torch.tensor([100.0, -100.0])
+    path = tmp_path_factory.mktemp("agent") / "new.zip"
+    untrained.save(path)
+    return path
+
+
+def read_junit(path: Path) -> tuple[int, int, int]:
+    """Return the numbers of worlds, failures and skipped ones, which JUnit tells twice."""
+    root = JUnitXml.fromfile(str(path))
+    cases = [case for suite in root for case in suite]
+    kinds = [type(result) for case in cases for result in case.result]
+    counts = len(cases), kinds.count(Failure), kinds.count(Skipped)
+    assert (root.tests, root.failures, root.skipped) == counts
+    assert root.errors == 0
+    return counts
+
+
+AGENTS = [
+    ("the agent.pt", 0, "passed", "Passed. It is the same agent in the same application."),
+    ("better.pt", 0, "passed", "Passed. None of"),
+    ("worse.pt", 1, "failed", "Failed. "),
+]
+
+
+@pytest.mark.parametrize(("agent", "code", "status", "words"), AGENTS)
+def test_exit_codes_of_files(folder, tmp_path, agent, code, status, words):
     junit, text = tmp_path / "junit.xml", tmp_path / "comment.md"
     command = ("regress", folder / "suite", "--agent", folder / agent)
     result = run(*command, "--junit", junit, "--markdown", text)
     assert result.exit_code == code, result.output
     assert words in result.stdout
-    assert bool(ET.parse(junit).findall(".//failure")) == (code == 1)
-    assert text.read_text().startswith("### CartPole")
-    printed = run(*command, "--json", "--workers", "2" if code else "1")
+    printed = run(*command, "--json")
     assert printed.exit_code == code
-    assert json.loads(printed.stdout)["decision"]["status"] in ("passed", "failed")
+    content = json.loads(printed.stdout)
+    assert content["decision"]["status"] == status
+    changes = [world["change"] for world in content["worlds"]]
+    broken = sum(changes.count(change) for change in ("came back", "broke newly"))
+    assert read_junit(junit) == (len(changes), broken, changes.count("still fails"))
+    assert bool(broken) == (code == 1)
+    assert text.read_text().startswith("### CartPole")
+
+
+def test_too_few_worlds_are_inconclusive(folder, tmp_path):
+    content = json.loads((folder / "suite" / "suite.json").read_text())
+    controls = [case for case in content["test_cases"] if case["objective"] == "control"]
+    content["test_cases"] = controls[:4]
+    (tmp_path / "suite.json").write_text(json.dumps(content))
+    (tmp_path / "pole.toml").write_text(POLE)
+    command = ("regress", tmp_path, "--agent", folder / "worse.pt", "--junit", tmp_path / "j.xml")
+    result = run(*command)
+    assert result.exit_code == 3, result.output
+    assert "Inconclusive. " in result.stdout
+    assert read_junit(tmp_path / "j.xml")[1] > 0
+
+
+@pytest.mark.long
+def test_the_exit_code_does_not_depend_on_workers(folder):
+    command = ("regress", folder / "suite", "--agent", folder / "worse.pt", "--workers", "2")
+    printed = run(*command, "--json")
+    assert printed.exit_code == 1, printed.output
+    assert json.loads(printed.stdout)["decision"]["status"] == "failed"
 
 
 def test_a_moved_suite_goes_on_without_the_run_and_with_a_newer_agent_file(folder, tmp_path):
@@ -141,30 +187,71 @@ def jobs() -> dict[str, str]:
     return {"github": textwrap.dedent(github[1]), "gitlab": gitlab[1]}
 
 
-@pytest.mark.long
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-@pytest.mark.parametrize("server", ["github", "gitlab"])
-def test_the_jobs_of_the_page_work_as_printed(folder, tmp_path, server):
-    (tmp_path / "suites").mkdir()
+NEEDS_BASH = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+
+
+@pytest.fixture
+def clone(folder, new_zip, tmp_path) -> Path:
+    """Return a folder with the suite and the agent where the page's jobs look for them."""
     shutil.copytree(folder / "suite", tmp_path / "suites" / "pole")
     (tmp_path / "agents").mkdir()
-    untrained = PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu", n_steps=64)
-    with torch.no_grad():
-        untrained.policy.action_net.bias[:] = torch.tensor([100.0, -100.0])  # always to the left
-    untrained.save(tmp_path / "agents" / "new.zip")
-    command = f'sada-gym() {{ "{sys.executable}" -W ignore -m sada_gym "$@"; }}\n{jobs()[server]}'
-    summary = tmp_path / "summary.md"
-    done = subprocess.run(
-        ["bash", "-e", "-o", "pipefail", "-c", command],
-        cwd=tmp_path,
-        env={**os.environ, "GITHUB_STEP_SUMMARY": str(summary)},
+    shutil.copy(new_zip, tmp_path / "agents")
+    return tmp_path
+
+
+def run_job(clone: Path, server: str, gate: str) -> subprocess.CompletedProcess[str]:
+    """Run a job's lines as its server does, with this body of the function `sada-gym`."""
+    return subprocess.run(
+        ["bash", "-e", "-o", "pipefail", "-c", f"sada-gym() {{ {gate}; }}\n{jobs()[server]}"],
+        cwd=clone,
+        env={**os.environ, "GITHUB_STEP_SUMMARY": str(clone / "summary.md")},
         capture_output=True,
         text=True,
         timeout=120,
     )
+
+
+@NEEDS_BASH
+@pytest.mark.parametrize("server", ["github", "gitlab"])
+def test_the_words_of_the_jobs_test_the_agent(clone, monkeypatch, server):
+    run_job(clone, server, r"""printf '%s\n' "$@" > words""")
+    words = (clone / "words").read_text().splitlines()
+    monkeypatch.chdir(clone)
+    result = run(*words)
+    assert result.exit_code == 1, result.output
+    assert read_junit(clone / "regress.xml")[1] > 0
+    assert (clone / "regress.md").read_text().startswith("### CartPole")
+
+
+@NEEDS_BASH
+@pytest.mark.parametrize(
+    ("server", "code", "left"),
+    [
+        *[("github", code, code) for code in (0, 1, 2)],
+        ("github", 3, 0),
+        *[("gitlab", code, code) for code in (0, 1, 2, 3)],  # `allow_failure` takes the 3
+    ],
+)
+def test_the_jobs_end_with_the_code_of_the_gate(tmp_path, server, code, left):
+    wrote = code != 2
+    gate = f"{'echo told > regress.md; ' if wrote else ''}return {code}"
+    done = run_job(tmp_path, server, gate)
+    assert done.returncode == left, done.stderr
+    assert ("::warning::" in done.stdout) == (server == "github" and code == 3)
+    summary = tmp_path / "summary.md"
+    assert summary.exists() == (server == "github" and wrote)
+    if summary.exists():
+        assert summary.read_text() == "told\n"
+
+
+@pytest.mark.long
+@NEEDS_BASH
+@pytest.mark.parametrize("server", ["github", "gitlab"])
+def test_the_jobs_of_the_page_work_as_printed(clone, server):
+    done = run_job(clone, server, f'"{sys.executable}" -W ignore -m sada_gym "$@"')
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Failed. " in done.stdout
-    assert ET.parse(tmp_path / "regress.xml").findall(".//failure")
-    assert (tmp_path / "regress.md").read_text().startswith("### CartPole")
+    assert read_junit(clone / "regress.xml")[1] > 0
+    assert (clone / "regress.md").read_text().startswith("### CartPole")
     if server == "github":
-        assert summary.read_text() == (tmp_path / "regress.md").read_text()
+        assert (clone / "summary.md").read_text() == (clone / "regress.md").read_text()
