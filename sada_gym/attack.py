@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.diagnosis.grouping import grouped
-from sada_gym.diagnosis.record import Diagnosis, read_diagnosis, write_diagnosis
-from sada_gym.diagnosis.run import diagnose_run
+from sada_gym.diagnosis.record import Diagnosis, diagnosed_before, write_diagnosis
+from sada_gym.diagnosis.run import diagnose_run, list_and_tell
 from sada_gym.diagnosis.summary import rows as weakness_rows
-from sada_gym.diagnosis.telling import tell
-from sada_gym.errors import FileError, check_integer, check_keywords
+from sada_gym.errors import check_integer, check_keywords
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
@@ -41,7 +38,7 @@ from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSetti
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures, listed_before
+from sada_gym.failures import Failures, check_seeds, listed_before
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.frames import Frame
 from sada_gym.ids import names_file
@@ -215,26 +212,18 @@ def attack(
                 reserved.release()
                 raise
         report, test_samples, queries = outcome
-        diagnosis = None
-        if diagnose:
-            diagnosis = _diagnose(opened, outcome, folder, report_progress)
-        again, known_failures = PlayedAgain(opened.application), listed_before(folder)
-        failures = list_failures(
+        before = _diagnose(opened, outcome, folder, report_progress) if diagnose else None
+        known_failures = listed_before(folder)
+        diagnosis, failures = list_and_tell(
             opened,
             settings,
+            queries,
             test_samples,
             folder,
-            seeds=confirm,
-            again=again,
-            group=None if diagnosis is None else partial(grouped, diagnosis, opened.parameters),
+            diagnosis=before,
+            confirm=confirm,
             on_scores=lambda *counts: report_progress(RunProgress("confirm", *counts)),
         )
-        before = diagnosis
-        if before is not None:
-            known = queries + test_samples
-            diagnosis = tell(before, opened.application, known, failures, again)
-            if diagnosis != before:
-                write_diagnosis(folder, diagnosis)
         drawn: tuple[Path, ...] = ()
         frames: dict[int, Frame] = {}
         if pictures:
@@ -298,8 +287,9 @@ def _diagnose(
     on_progress: OnProgress,
 ) -> Diagnosis:
     """Read the diagnosis of a run, or make it."""
-    with suppress(FileError):
-        return read_diagnosis(folder)
+    known = diagnosed_before(folder)
+    if known is not None:
+        return known
     report, samples, queries = outcome
     on_progress(RunProgress("diagnose"))
     opened.evaluator.attach(folder / STORE_FILE)

@@ -66,7 +66,11 @@ class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
     """More queries were asked for than are left; none of them was evaluated."""
 
 
-class SlowWorlds(UserWarning):
+class Notice(UserWarning):
+    """What a user should know beside a result; the command line shows it as one sentence."""
+
+
+class SlowWorlds(Notice):
     """Worlds that take so long that a run should not begin without a word about it."""
 
 

@@ -18,7 +18,7 @@ from pydantic_core import to_jsonable_python
 from rich.console import Console
 from rich.table import Table
 
-from sada_gym.errors import BudgetExhausted, SlowWorlds, UserError, WorkerError
+from sada_gym.errors import BudgetExhausted, Notice, UserError, WorkerError
 
 out = Console()
 err = Console(stderr=True)
@@ -139,7 +139,7 @@ def _show_warning(
     file: TextIO | None = None,  # noqa: ARG001
     line: str | None = None,  # noqa: ARG001
 ) -> None:
-    if issubclass(category, SlowWorlds):
+    if issubclass(category, Notice):
         say(str(message), console=err)
     else:
         sys.stderr.write(warnings.formatwarning(str(message), category, filename, lineno))

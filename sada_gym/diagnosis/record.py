@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import Field
@@ -20,6 +21,7 @@ __all__ = [
     "SumCondition",
     "Threshold",
     "Weakness",
+    "diagnosed_before",
     "read_diagnosis",
     "write_diagnosis",
 ]
@@ -144,3 +146,10 @@ def read_diagnosis(run: str | Path) -> Diagnosis:
             f"{diagnosis.version}. Make it anew by `sada-gym diagnose {path.parent}`."
         )
     return diagnosis
+
+
+def diagnosed_before(folder: Path) -> Diagnosis | None:
+    """Return the diagnosis in a run's folder; None where its file is missing or cannot be read."""
+    with suppress(FileError):  # such a file is made anew
+        return read_diagnosis(folder)
+    return None

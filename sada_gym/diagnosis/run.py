@@ -13,16 +13,17 @@ from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.grouping import grouped
-from sada_gym.diagnosis.record import Diagnosis, write_diagnosis
+from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, diagnosed_before, write_diagnosis
 from sada_gym.diagnosis.telling import tell
-from sada_gym.errors import FileError, UserError, check_integer
+from sada_gym.errors import FileError, Notice, UserError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
 from sada_gym.experiment.finished import check_samples, open_target, read_run
 from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 from sada_gym.experiment.record import RunReport, RunSettings
-from sada_gym.failures import PlayedAgain, check_seeds, list_failures
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures
 from sada_gym.files import as_path, read_model
 from sada_gym.parameters import Mu
 
@@ -49,7 +50,8 @@ def diagnose(
     Rules are found among the training queries and the test samples; fresh uniform worlds inside
     and outside decide which of them stand. The diagnosis is written to the run's folder as
     diagnosis.json, and the fresh scores are kept there, so that a call that was stopped goes on
-    where it was.
+    where it was. Where the training queries are lost, a diagnosis that knew them is kept, and
+    returned, until its file is removed.
 
     Args:
         run: The folder that `attack` wrote.
@@ -74,31 +76,76 @@ def diagnose(
         check_samples(samples, opened)
         opened.parameters.validate(samples.mu)
         queries, uniform = _known_queries(folder, settings, opened.dimension)
-        opened.evaluator.attach(folder / STORE_FILE)
-        diagnosis = diagnose_run(
-            settings,
-            opened.evaluator,
-            queries,
-            samples,
-            uniform=uniform,
-            fresh=fresh,
-            on_scores=on_scores,
-        )
-        again = PlayedAgain(opened.application)
-        failures = list_failures(
+        diagnosis = None if queries is not None else _better_diagnosis(folder, samples)
+        queries = Evaluations.empty(opened.dimension) if queries is None else queries
+        if diagnosis is None:
+            opened.evaluator.attach(folder / STORE_FILE)
+            diagnosis = diagnose_run(
+                settings,
+                opened.evaluator,
+                queries,
+                samples,
+                uniform=uniform,
+                fresh=fresh,
+                on_scores=on_scores,
+            )
+        told, _ = list_and_tell(
             opened,
             settings,
+            queries,
             samples,
             folder,
-            seeds=confirm,
-            again=again,
-            group=partial(grouped, diagnosis, opened.parameters),
+            diagnosis=diagnosis,
+            confirm=confirm,
             on_scores=on_scores,
         )
-        known = queries + samples
-        diagnosis = tell(diagnosis, opened.application, known, failures, again)
-    write_diagnosis(folder, diagnosis)
-    return diagnosis
+    assert told is not None
+    return told
+
+
+def list_and_tell(
+    opened: OpenTarget,
+    settings: RunSettings,
+    queries: Evaluations,
+    samples: Evaluations,
+    folder: Path,
+    *,
+    diagnosis: Diagnosis | None,
+    confirm: int,
+    on_scores: OnScores,
+) -> tuple[Diagnosis | None, Failures | None]:
+    """List a run's failures, complete its diagnosis with them, and write both into its folder.
+
+    Args:
+        opened: What the run attacked. An evaluator with a store gives it up.
+        settings: The run's.
+        queries: Its training queries.
+        samples: Its test samples.
+        folder: The run's.
+        diagnosis: How the agent fails; without one the failures alone are listed.
+        confirm: See `diagnose`.
+        on_scores: See `OnScores`.
+
+    Returns:
+        The diagnosis with what the agent does in each weakness and how sure its failures are; and
+        the failures, None where no sample fooled.
+    """
+    again = PlayedAgain(opened.application)
+    failures = list_failures(
+        opened,
+        settings,
+        samples,
+        folder,
+        seeds=confirm,
+        again=again,
+        group=None if diagnosis is None else partial(grouped, diagnosis, opened.parameters),
+        on_scores=on_scores,
+    )
+    if diagnosis is not None:
+        diagnosis = tell(diagnosis, opened.application, queries + samples, failures, again)
+        if diagnosis != diagnosed_before(folder):
+            write_diagnosis(folder, diagnosis)
+    return diagnosis, failures
 
 
 def diagnose_run(
@@ -167,10 +214,13 @@ def default_fresh(budget: int) -> int:
     return min(int(FRESH_SHARE * budget), MOST_FRESH)
 
 
-def _known_queries(folder: Path, settings: RunSettings, dimension: int) -> tuple[Evaluations, int]:
+def _known_queries(
+    folder: Path, settings: RunSettings, dimension: int
+) -> tuple[Evaluations | None, int]:
     """Read the training queries, and how many of the first valid ones are uniform.
 
-    A run that another version wrote may not say these: they count as not uniform.
+    They are None where any of them is lost. A run that another version wrote may not say how many
+    are uniform: then none count as such.
     """
     try:
         report = read_model(folder / RESULT_FILE, RunReport)
@@ -178,17 +228,33 @@ def _known_queries(folder: Path, settings: RunSettings, dimension: int) -> tuple
     except FileError:
         asked, uniform = settings.experiment.protocol.budget, None
     seeds = evaluation_seeds(settings.seed, "train", 0, asked)
+    if not seeds:
+        return Evaluations.empty(dimension), 0
     found = None
-    if seeds and (folder / STORE_FILE).exists():
+    if (folder / STORE_FILE).exists():
         with EvaluationStore(folder / STORE_FILE) as store:
             context = store.context(settings.experiment.target.application)
             found = store.evaluations(context, seeds)
-    if found is None:
-        if seeds:
-            warnings.warn(
-                f"{STORE_FILE} is missing or incomplete: the diagnosis knows the samples alone, "
-                "and finds less than with the training queries.",
-                stacklevel=3,
-            )
-        return Evaluations.empty(dimension), 0
-    return found, 0 if uniform is None else uniform.worlds
+    return found, 0 if found is None or uniform is None else uniform.worlds
+
+
+def _better_diagnosis(folder: Path, samples: Evaluations) -> Diagnosis | None:
+    """Return the diagnosis in a run's folder if it knew more than the samples, and say what is."""
+    lost = f"{STORE_FILE} is missing or incomplete"
+    older = diagnosed_before(folder)
+    if older is not None and older.worlds > len(samples.valid):
+        warnings.warn(
+            f"{lost}, so the older diagnosis is kept: it knew {older.worlds:,} worlds, and a new "
+            f"one would know {len(samples.valid):,}. Remove {folder / DIAGNOSIS_FILE} to make it "
+            "anew.",
+            Notice,
+            stacklevel=3,
+        )
+        return older
+    warnings.warn(
+        f"{lost}: the diagnosis knows the samples alone, and finds less than with the training "
+        "queries.",
+        Notice,
+        stacklevel=3,
+    )
+    return None

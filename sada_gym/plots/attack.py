@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.errors import Notice
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
 from sada_gym.frames import BLUE, GRID, INK, MUTED, ORANGE, Frame
@@ -86,7 +87,7 @@ def draw_attack(
         try:
             sheet = draw_failures(application, samples, headline, on_progress, on_frame)
         except NotDrawnError as error:
-            warnings.warn(f"No frames are drawn{error}", stacklevel=2)
+            warnings.warn(f"No frames are drawn{error}", Notice, stacklevel=2)
         else:
             write_file(folder / "fooled.png", png_of(sheet))
             names.append("fooled.png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 from toy import Toy
@@ -13,7 +14,7 @@ from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.diagnosis import diagnose
 from sada_gym.diagnosis.record import DIAGNOSIS_FILE, read_diagnosis
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, Notice, UserError
 from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 
 
@@ -67,11 +68,35 @@ def test_a_run_of_another_version_or_without_its_store_is_diagnosed_by_what_it_h
     (folder / RESULT_FILE).write_text(json.dumps({**data, "of_tomorrow": 1}))
     assert diagnose(folder).worlds == 450
     (folder / STORE_FILE).unlink()
-    with pytest.warns(UserWarning, match=r"run\.sqlite is missing or incomplete"):
-        assert diagnose(folder).worlds == 50
+    (folder / DIAGNOSIS_FILE).unlink()
+    for _ in range(2):
+        with pytest.warns(Notice, match=r"run\.sqlite is missing or incomplete: .* finds less"):
+            assert diagnose(folder).worlds == 50
     for name, content in kept.items():
         (folder / name).write_bytes(content)
     assert diagnose(folder).worlds == 450
+
+
+def test_a_run_that_lost_its_queries_keeps_the_diagnosis_that_knew_them(folder, tmp_path):
+    copied = shutil.copytree(folder, tmp_path / "copied")
+    diagnose(copied)
+    (copied / STORE_FILE).unlink()
+    older = (copied / DIAGNOSIS_FILE).read_bytes()
+    with pytest.warns(Notice, match="the older diagnosis is kept: it knew 450 worlds, and a new"):
+        kept = diagnose(copied, fresh=80)
+    assert kept.worlds == 450
+    assert (copied / DIAGNOSIS_FILE).read_bytes() == older
+    assert not (copied / STORE_FILE).exists()
+    result = command("diagnose", copied, "--confirm", 2)
+    assert result.exit_code == 0, result.output
+    assert result.stderr.startswith("run.sqlite is missing or incomplete, so the older")
+    assert "Notice" not in result.stderr
+    confirmed = read_diagnosis(copied)
+    assert all(weakness.confirmed is not None for weakness in confirmed.weaknesses)
+    assert (confirmed.worlds, confirmed.sentence) == (450, kept.sentence)
+    (copied / DIAGNOSIS_FILE).write_text("{")  # damaged, so there is nothing to keep
+    with pytest.warns(Notice, match="finds less"):
+        assert diagnose(copied).worlds == 50
 
 
 def test_a_run_without_failures_says_so(tmp_path):
