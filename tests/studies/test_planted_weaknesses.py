@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sada_gym.parameters import Mu
-from studies.planted_weaknesses import ADVERSARIES, PlantedApplication, ask, judge, plant, tables
+from studies.planted_queries import ADVERSARIES, ask
+from studies.planted_settings import PlantedApplication, plant
+from studies.planted_weaknesses import judge, tables
 
 
 def test_planted_weaknesses_have_volume_and_fool_as_often_as_they_say():
