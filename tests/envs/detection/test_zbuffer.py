@@ -31,7 +31,8 @@ def drawn(vertices, faces, camera, samples=SAMPLES, double_sided=False):
     nearest, shown = np.zeros((samples, samples)), np.full((samples, samples), -1, np.int32)
     planes = np.empty((len(faces), PLANES))
     faces = np.ascontiguousarray(faces, np.int32)
-    rasterise(points, faces, double_sided, (0, 0), planes, nearest, shown)
+    places = np.empty((len(points), 2), np.int32)
+    rasterise(points, places, faces, double_sided, (0, 0), planes, nearest, shown)
     return nearest, shown
 
 

@@ -135,7 +135,7 @@ def _lamp(scene: Scene, shape: Shape) -> Lamp:
     size = TEXTURED_LIGHT_SIZE if shape.surfaces else LIGHT_SIZE
     camera = _kernel_camera(Pinhole(eye, axes, tangent, (0.0, 0.0)), size)
     points = _projected(shape, camera)
-    _, _, nearest = _rasterised(shape, points, (0, 0), (size, size), dark_glass=True)
+    _, _, nearest = _rasterised(shape, points, (0, 0), (size, size), for_light=True)
     return Lamp(
         camera.right, camera.up, camera.back, _triple(centre), LIGHT_DISTANCE, tangent, nearest
     )
@@ -153,21 +153,24 @@ def _rasterised(
     corner: tuple[int, int],
     size: tuple[int, int],
     *,
-    dark_glass: bool = False,
+    for_light: bool = False,
 ) -> tuple[Matrix, npt.NDArray[np.int32], Matrix]:
     """Draw a shape in a window; return `planes`, `shown` and `nearest` of `zbuffer.rasterise`.
 
-    The faces of a textured shape are those of its `Skin`, without glass.
+    The faces of a textured shape are those of its `Skin`, without glass. The light sees dark glass
+    too, and needs no planes.
     """
-    planes, nearest = np.empty((len(shape.faces), zbuffer.PLANES)), np.zeros(size)
+    # the light asks for depths alone
+    planes = np.empty((0 if for_light else len(shape.faces), zbuffer.PLANES))
+    nearest, places = np.zeros(size), np.empty((len(points), 2), np.int32)
     shown = np.full(size, -1, np.int32)
     skin = skin_of(shape) if shape.surfaces else None
     window = (shape.double_sided, corner, planes, nearest, shown)
     if skin is None:
-        zbuffer.rasterise(points, shape.faces, *window)
+        zbuffer.rasterise(points, places, shape.faces, *window)
     else:
-        part = (0, skin.clear if dark_glass else skin.dark)
-        zbuffer.rasterise(points, skin.faces, *window, skin, part)
+        part = (0, skin.clear if for_light else skin.dark)
+        zbuffer.rasterise(points, places, skin.faces, *window, skin, part)
     return planes, shown, nearest
 
 
@@ -180,7 +183,8 @@ def _with_panes(
     part = (skin.dark, len(skin.faces))
     if part[0] < part[1]:
         window = (shape.double_sided, corner, planes, nearest.copy(), panes)
-        zbuffer.rasterise(points, skin.faces, *window, skin, part)
+        places = np.empty((len(points), 2), np.int32)
+        zbuffer.rasterise(points, places, skin.faces, *window, skin, part)
     return skin._replace(nearest=nearest, panes=panes)
 
 

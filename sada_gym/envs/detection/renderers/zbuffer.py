@@ -73,6 +73,7 @@ def bounds(points: Floats, per_pixel: int, size: int) -> tuple[int, int, int, in
 @uncounted
 def rasterise(
     points: Floats,
+    places: Indices,
     faces: Indices,
     double_sided: bool,
     corner: tuple[int, int],
@@ -88,10 +89,11 @@ def rasterise(
 
     Args:
         points: (v, COORDINATES), see `project`.
+        places: (v, 2), filled: each point's first column and row, see `_first`; -1 near the eye.
         faces: (f, 3), counter-clockwise seen from outside.
         double_sided: Whether faces show from behind too.
         corner: The window's first column and row, in samples.
-        planes: (f, PLANES), filled for the faces that are seen.
+        planes: (f, PLANES), filled for the faces that are seen; or (0, PLANES), left empty.
         nearest: (h, w) inverse depth of the nearest surface, 0 at first.
         shown: (h, w) the face that is seen, filled where `nearest` grows.
         skin: Textures, whose holes are left open.
@@ -102,21 +104,27 @@ def rasterise(
     start, stop, level, is_small = 0, faces.shape[0], -1, False
     if skin is not None:
         start, stop = part
+    # most faces of a large mesh lie between samples, which a point's place shows: once a point
+    for i in range(points.shape[0]):
+        places[i, 0], places[i, 1] = -1, -1
+        if points[i, 2] >= NEAR:
+            places[i, 0] = _first(points[i, 3], left, width)
+            places[i, 1] = _first(points[i, 4], above, height)
     for f in range(start, stop):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        first, last = 0, height
+        begin = min(places[a, 0], places[b, 0], places[c, 0])
+        is_before = begin >= 0
+        if is_before:
+            if begin >= max(places[a, 0], places[b, 0], places[c, 0]):
+                continue
+            first = min(places[a, 1], places[b, 1], places[c, 1])
+            last = max(places[a, 1], places[b, 1], places[c, 1])
+            if first >= last:
+                continue
         p = (points[a, 0], points[a, 1], points[a, 2])
         q = (points[b, 0], points[b, 1], points[b, 2])
         r = (points[c, 0], points[c, 1], points[c, 2])
-        first, last = 0, height
-        is_before = min(p[2], q[2], r[2]) >= NEAR
-        if is_before:
-            u, v, w = points[a, 3], points[b, 3], points[c, 3]
-            if _first(min(u, v, w), left, width) >= _first(max(u, v, w), left, width):
-                continue
-            u, v, w = points[a, 4], points[b, 4], points[c, 4]
-            first, last = _first(min(u, v, w), above, height), _first(max(u, v, w), above, height)
-            if first >= last:
-                continue
         edge_a, edge_b, edge_c = _cross(q, r), _cross(r, p), _cross(p, q)
         # rows run downwards, which mirrors the order of the corners
         volume, side = -dot(p, edge_a), 1.0
@@ -154,7 +162,7 @@ def rasterise(
                         if texel(skin, level, x, y)[3] < least:
                             continue
                     nearest[j, i], shown[j, i], is_seen = inverse, f, True
-        if is_seen:  # of a large mesh most faces are hidden
+        if is_seen and f < planes.shape[0]:  # of a large mesh most faces are hidden
             plane = planes[f]
             for k in range(3):
                 plane[k], plane[3 + k] = edge_a[k] * share, edge_b[k] * share
