@@ -9,10 +9,17 @@ import pytest
 from highway_env.envs.parking_env import ParkingEnv
 from stable_baselines3 import SAC
 
+from sada_gym.determinism import one_thread
 from studies import parking as study
 from studies import parking_searches as searches
 from studies.training.parking import train as training
 from studies.training.parking.world import OTHERS, ParkingWorld, World, slots_from
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    with one_thread():
+        yield
 
 
 def straight_on(observation):
@@ -111,7 +118,7 @@ def test_training_keeps_the_worlds_and_how_they_ended(tmp_path, monkeypatch):
 
 
 def test_the_classifier_learns_which_slot_matters(log, monkeypatch):
-    monkeypatch.setattr(searches, "_EPOCHS", 60)
+    monkeypatch.setattr(searches, "_EPOCHS", 40)
     classifier = searches.Classifier(log, 0)
     free, taken = (np.array(log.features) for _ in range(2))
     free[:, 0], taken[:, 0] = 0.0, 1.0
