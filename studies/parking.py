@@ -33,6 +33,7 @@ from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import ResetOption
 from sada_gym.files import write_file
 from studies.agents import FOLDER
+from studies.means import mean_text
 from studies.parking_searches import Ask, Bools, Floats, TrainingLog, indago, nexus
 from studies.training.parking.world import HALF_X_M, HALF_Y_M, OTHERS, SLOTS, ParkingWorld, World
 
@@ -44,8 +45,6 @@ BUDGET, LEARNT = 100, 0.6
 SEEDS = (0, 1, 2, 3, 4)
 OURS = ("random", "level-set", "gp", "bbgan")
 MOST_CLUSTERS = 30
-_T95 = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776}
-"""Student's t for a 95 % interval of the mean of so many values."""
 
 PARAMETERS = {
     "goal": ResetOption(0, SLOTS - 1, integer=True),
@@ -218,15 +217,6 @@ def first_failure(failed: Sequence[int]) -> int:
     return failed.index(1) + 1 if 1 in failed else len(failed) + 1
 
 
-def mean_text(values: Sequence[float]) -> str:
-    """Write a mean with the 95 % interval of Student's t."""
-    mean = float(np.mean(values))
-    if len(values) < 2:
-        return f"{mean:.1f}"
-    half = _T95[len(values)] * float(np.std(values, ddof=1)) / len(values) ** 0.5
-    return f"{mean:.1f} ± {half:.1f}"
-
-
 def table(out: Path) -> str:
     """Return the table of all runs in a folder, in Markdown."""
     pieces = [json.loads(path.read_text("utf-8")) for path in sorted(out.glob("*-*.json"))]
@@ -245,9 +235,9 @@ def table(out: Path) -> str:
         if runs:
             knows = "no" if name in OURS else "yes"
             cells = [
-                mean_text([sum(one["failed"]) for one in runs]),
-                mean_text(unique[name]),
-                mean_text([first_failure(one["failed"]) for one in runs]),
+                mean_text([sum(one["failed"]) for one in runs], 1),
+                mean_text(unique[name], 1),
+                mean_text([first_failure(one["failed"]) for one in runs], 1),
                 f"{np.mean([one['seconds'] for one in runs]):.0f}",
             ]
             lines.append(f"| {name} | {knows} | {' | '.join(cells)} |")

@@ -44,6 +44,7 @@ from sada_gym.files import write_file
 from sada_gym.measures.rates import wilson_interval
 from sada_gym.training import FailureCurriculum, curriculum_vec_env
 from sada_gym.training.lockstep import curriculum_starts
+from studies.means import mean_text
 from studies.training.common import Report
 from studies.training.driving.imitation import fit, gather
 from studies.training.driving.recipe import RECIPES
@@ -64,8 +65,6 @@ _JUDGED = 10_000
 """The seed of the worlds in which all are judged."""
 _ATTACKED = 100
 """The new attacks have other seeds than those that the training worlds came from."""
-_T95 = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776}
-"""Student's t for a 95 % interval of the mean of so many values."""
 
 
 @dataclass(frozen=True)
@@ -350,19 +349,10 @@ def table(subject: Subject, out: Path) -> Iterator[str]:
             rates = [_rates(found, "fooled", "worlds")]
             rates += [_rates(found, adversary, "samples") for adversary in ATTACKERS]
             yield (
-                f"| {arm} | {len(found)} | {_mean([f['nominal'] for f in found])} | "
-                f"{' | '.join(rates)} | {_mean([f['cvar'] for f in found])} |"
+                f"| {arm} | {len(found)} | {mean_text([f['nominal'] for f in found], 2)} | "
+                f"{' | '.join(rates)} | {mean_text([f['cvar'] for f in found], 2)} |"
             )
     yield ""
-
-
-def _mean(values: list[float]) -> str:
-    """Write a mean with Student's 95 % interval over the seeds."""
-    mean = float(np.mean(values))
-    if len(values) < 2 or len(values) not in _T95:
-        return f"{mean:.2f}"
-    half = _T95[len(values)] * float(np.std(values, ddof=1)) / len(values) ** 0.5
-    return f"{mean:.2f} ± {half:.2f}"
 
 
 def _rates(found: list[dict[str, Any]], fooled: str, trials: str) -> str:
