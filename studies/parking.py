@@ -15,7 +15,6 @@ highest silhouette, and a search has as many unique failures as there are cluste
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +31,7 @@ from sada_gym import GymnasiumApplication, adversaries
 from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import ResetOption
 from sada_gym.files import write_file
-from studies.agents import FOLDER
+from studies.agents import FOLDER, checked
 from studies.means import mean_text
 from studies.parking_searches import Ask, Bools, Floats, TrainingLog, indago, nexus
 from studies.training.parking.world import HALF_X_M, HALF_Y_M, OTHERS, SLOTS, ParkingWorld, World
@@ -70,14 +69,6 @@ def parking(agent: Any = None) -> GymnasiumApplication:
         max_steps="own",
         name="Parking",
     )
-
-
-def checked(path: Path, sha256: str) -> Path:
-    """Return the path of a file that has not changed; its pickle can run code."""
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
-    if found != sha256:
-        raise ValueError(f"Expected {path.name} with SHA-256 {sha256}, got {found}.")
-    return path
 
 
 def worlds_of(mu: npt.ArrayLike, application: GymnasiumApplication) -> list[World]:
