@@ -29,7 +29,7 @@ from sada_gym.attack import attack
 
 PARTS = {
     "diagnosis": ("sada_gym.attack:_diagnose",),
-    "failures": ("sada_gym.attack:list_failures", "sada_gym.attack:tell"),
+    "failures": ("sada_gym.attack:list_and_tell",),
     "report": ("sada_gym.attack:report_attack",),
     "privileged agent": ("sada_gym.experiment.run:feasible_worlds",),
 }

@@ -8,6 +8,7 @@ import numpy as np
 
 from sada_gym.arrays import Bools
 from sada_gym.diagnosis.axes import Axis
+from sada_gym.diagnosis.bands import banded
 from sada_gym.diagnosis.search import RULE_COST, Search, Worlds, cover, grow, prune, rate_elsewhere
 from sada_gym.diagnosis.sums import sums
 from sada_gym.diagnosis.thresholds import Rule, holds, recut, refine
@@ -43,7 +44,9 @@ def find_rules(space: ParameterSpace, mu: Mu, fooled: Bools, uniform: Bools, see
     outset = rate_elsewhere(Worlds(np.zeros((1, len(mu)), np.intp), fooled), uniform, [])
     axes += sums(space, physical, fooled, outset)
     search = Search(axes, _worlds(axes, space, mu, fooled), rng)
-    boxes, elsewhere = cover(search, uniform, _MOST, _LEAST_GAIN)
+    boxes = cover(search, uniform, _MOST, _LEAST_GAIN)
+    search, boxes = banded(space, physical, search, uniform, boxes)
+    axes, elsewhere = list(search.axes), rate_elsewhere(search.worlds, uniform, boxes)
     # once more in cells that end where the rules do: no slivers are left beside them
     rules = refine(axes, boxes, physical, fooled, elsewhere, rounded=False)
     axes, boxes = recut(axes, rules, [box.gain for box in boxes])

@@ -113,6 +113,11 @@ class Search:
         gain = self._ascend(chosen, elsewhere, covered)
         return self._box(chosen[0], float(gain[0]))
 
+    def wider(self, axis: Axis, cells: Indices) -> Search:
+        """Return a search with one more axis, and the worlds' cells by it, (n,)."""
+        worlds = Worlds(np.vstack([self.worlds.cells, cells]), self.worlds.fooled)
+        return Search([*self.axes, axis], worlds, self._rng)
+
     def _padded(self, box: Box) -> Bools:
         """Return the cells of a box, (d, g), of all axes as long as the longest."""
         padded = np.zeros((len(self.axes), self._most), np.bool_)
@@ -226,7 +231,7 @@ class Search:
                 if j in self._sums:
                     cost = cost + np.where(has_sum, np.inf, SUM_COST)
                 whole = value(*counts.sum(axis=2).T)
-                cells, best = self._best_cells(self.axes[j], counts, value)
+                cells, best = best_cells(self.axes[j], counts, value)
                 named = best - cost > whole
                 chosen[:, j, :g] = np.where(named[:, None], cells, True)
                 is_named[:, j] = named
@@ -274,26 +279,6 @@ class Search:
         ]
         return np.array(counted, np.float64)
 
-    def _best_cells(self, axis: Axis, counts: Floats, value: Value) -> tuple[Bools, Floats]:
-        """Return the best set of cells for each box, (b, g), and its value, (b,)."""
-        g = len(axis)
-        if axis.ordered:
-            starts, stops = axis.intervals
-            doubled = np.concatenate([counts, counts], axis=2) if axis.cyclic else counts
-            sums = np.concatenate([np.zeros((*counts.shape[:2], 1)), doubled.cumsum(axis=2)], 2)
-            inside = sums[:, :, stops] - sums[:, :, starts]
-            # of equal ones the narrowest
-            values = value(*np.moveaxis(inside, 1, 0)) - 1e-6 * (stops - starts)
-            row = values.argmax(axis=1)
-            cells = (np.arange(g) - starts[row, None]) % g < (stops - starts)[row, None]
-            return cells, values.max(axis=1)
-        order = np.argsort(-(counts[:, 1] + 0.1) / (counts[:, 0] + 1.0), axis=1, kind="stable")
-        sums = np.take_along_axis(counts, order[:, None], axis=2).cumsum(axis=2)[:, :, :-1]
-        values = value(*np.moveaxis(sums, 1, 0))
-        size = values.argmax(axis=1) + 1
-        rank = np.argsort(order, axis=1)
-        return rank < size[:, None], values.max(axis=1)
-
 
 @dataclass(frozen=True)
 class Value:
@@ -310,12 +295,33 @@ class Value:
         return np.where(rate > least, ratio, 0.0) - OVERLAP_COST * covered
 
 
+def best_cells(axis: Axis, counts: Floats, value: Value) -> tuple[Bools, Floats]:
+    """Return the best set of cells for each box, (b, g), and its value, (b,)."""
+    g = len(axis)
+    if axis.ordered:
+        starts, stops = axis.intervals
+        doubled = np.concatenate([counts, counts], axis=2) if axis.cyclic else counts
+        sums = np.concatenate([np.zeros((*counts.shape[:2], 1)), doubled.cumsum(axis=2)], 2)
+        inside = sums[:, :, stops] - sums[:, :, starts]
+        # of equal ones the narrowest
+        values = value(*np.moveaxis(inside, 1, 0)) - 1e-6 * (stops - starts)
+        row = values.argmax(axis=1)
+        cells = (np.arange(g) - starts[row, None]) % g < (stops - starts)[row, None]
+        return cells, values.max(axis=1)
+    order = np.argsort(-(counts[:, 1] + 0.1) / (counts[:, 0] + 1.0), axis=1, kind="stable")
+    sums = np.take_along_axis(counts, order[:, None], axis=2).cumsum(axis=2)[:, :, :-1]
+    values = value(*np.moveaxis(sums, 1, 0))
+    size = values.argmax(axis=1) + 1
+    rank = np.argsort(order, axis=1)
+    return rank < size[:, None], values.max(axis=1)
+
+
 def _same(box: Box, other: Box) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(box.cells, other.cells, strict=True))
 
 
-def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> tuple[list[Box], float]:
-    """Find at most so many boxes, one after another, and the rate elsewhere.
+def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> list[Box]:
+    """Find at most so many boxes, one after another.
 
     `uniform` says which worlds, (n,), were drawn evenly: the rate elsewhere is theirs.
     """
@@ -344,7 +350,7 @@ def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> tuple
         split = grow(search, uniform, [*others, *part], most, least_gain)
         if (found := total(search, uniform, split)) > best:
             boxes, best, tried = split, found, []
-    return boxes, rate_elsewhere(search.worlds, uniform, boxes)
+    return boxes
 
 
 def grow(

@@ -106,6 +106,20 @@ def test_two_weaknesses_are_told_apart_with_their_figures():
     assert found.sentence.endswith("There is one more weakness.")
 
 
+def test_a_diagonal_is_named_beside_a_stronger_weakness_of_its_parameter():
+    def heavy(values):
+        return column(values, "payload_kg") > 3.8
+
+    def thin(values):
+        total = column(values, "payload_kg") + 0.58 * column(values, "trailer_kg")
+        return (total > 4) & (total < 4.4)
+
+    texts = {one.text: one for one in diagnose(heavy, thin).weaknesses}
+    [slanted] = [one for text, one in texts.items() if "trailer" in text]
+    assert set(texts) == {"payload is above 3.8 kg", slanted.text}
+    assert overlap(slanted, thin) > 0.7
+
+
 def test_the_interval_of_a_threshold_holds_the_true_one():
     hits = []
     for seed in range(4):
