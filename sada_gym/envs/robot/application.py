@@ -84,6 +84,7 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
     frame_module = "sada_gym.envs.robot.frame"
     behaviour_module = "sada_gym.envs.robot.behaviour"
     privileged_agent = "sada_gym.envs.robot.agent.privileged:PrivilegedDriver"
+    worlds_at_once = 128
 
     def __init__(
         self,
@@ -109,11 +110,13 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
         return RobotEpisodes(starts)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        ((_, trips),) = self._played(self.policy, mu, seeds)
-        ending = trips.ending.reshape(len(mu), -1)
-        remaining_m = trips.remaining_m.reshape(len(mu), -1)
-        extras = [
-            {"endings": [RobotEnd(code).name.lower() for code in codes], "remaining_m": row}
-            for codes, row in zip(ending, remaining_m, strict=True)
-        ]
-        return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
+        scores, extras = [], []
+        for worlds, trips in self._played(self.policy, mu, seeds):
+            shape = (len(mu[worlds]), -1)
+            scores.append(trips.score.reshape(shape).mean(axis=1))
+            remaining_m = trips.remaining_m.reshape(shape)
+            extras += [
+                {"endings": [RobotEnd(code).name.lower() for code in codes], "remaining_m": row}
+                for codes, row in zip(trips.ending.reshape(shape), remaining_m, strict=True)
+            ]
+        return Scored(np.concatenate(scores), extras)

@@ -10,7 +10,7 @@ from sada_gym.envs.robot.application import PLANS, RobotApplication
 from sada_gym.envs.robot.frame import WIDTH
 from sada_gym.envs.robot.task import RobotTaskEnv
 from sada_gym.envs.robot.world.floor_plan import TRIPS
-from sada_gym.testing.purity import assert_pure, draw_worlds
+from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_outcomes
 
 D = 10
@@ -35,6 +35,13 @@ def blind():
 
 def test_scores_are_pure():
     assert_pure(blind(), n=4, sizes=(3,), other_process=False)
+
+
+def test_more_worlds_than_are_driven_at_a_time_are_the_same(monkeypatch):
+    mu, seeds = draw_worlds(blind(), 3, 1)
+    together = blind().evaluate(mu, seeds)
+    monkeypatch.setattr(RobotApplication, "worlds_at_once", 2)
+    compare_outcomes(together, blind().evaluate(mu, seeds), "two at a time", [0, 1, 2])
 
 
 def test_what_an_evaluation_tells():
