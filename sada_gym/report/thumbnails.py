@@ -22,6 +22,7 @@ from sada_gym.frames import Frame, validate_frame
 THUMBNAILS_FILE = "thumbnails.zip"
 
 _WIDTH, _HEIGHT, _QUALITY = 560, 480, 68
+_METHOD = 2  # 4, the default, takes twice as long for 4 % fewer bytes
 _MOST_BYTES = 4_000_000
 """The most bytes of pictures: a report of one run or two, which writes them as text, a third
 longer, stays below 10 MB with its plots and numbers."""
@@ -56,7 +57,7 @@ def picture_of(frame: Frame) -> bytes:
     """Return a frame as a small WebP."""
     image, buffer = Image.fromarray(frame), io.BytesIO()
     image.thumbnail((_WIDTH, _HEIGHT))
-    image.save(buffer, "webp", quality=_QUALITY)
+    image.save(buffer, "webp", quality=_QUALITY, method=_METHOD)
     return buffer.getvalue()
 
 
@@ -65,7 +66,7 @@ def plot_of(path: Path) -> bytes | None:
     buffer = io.BytesIO()
     try:
         with Image.open(path) as image:
-            image.convert("RGB").save(buffer, "webp", lossless=True)
+            image.convert("RGB").save(buffer, "webp", lossless=True, method=_METHOD)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return None
     return buffer.getvalue() if buffer.tell() <= _MOST_PLOT_BYTES else None
