@@ -304,11 +304,13 @@ def best_cells(axis: Axis, counts: Floats, value: Value) -> tuple[Bools, Floats]
     g = len(axis)
     if axis.ordered:
         starts, stops = axis.intervals
-        doubled = np.concatenate([counts, counts], axis=2) if axis.cyclic else counts
-        sums = np.concatenate([np.zeros((*counts.shape[:2], 1)), doubled.cumsum(axis=2)], 2)
-        inside = sums[:, :, stops] - sums[:, :, starts]
+        kinds = np.moveaxis(counts, 1, 0)
+        doubled = np.concatenate([kinds, kinds], axis=2) if axis.cyclic else kinds
+        sums = np.concatenate([np.zeros((*kinds.shape[:2], 1)), doubled.cumsum(axis=2)], 2)
+        inside = sums.take(stops, axis=2)
+        inside -= sums.take(starts, axis=2)
         # of equal ones the narrowest
-        values = value(*np.moveaxis(inside, 1, 0)) - 1e-6 * (stops - starts)
+        values = value(*inside) - 1e-6 * (stops - starts)
         row = values.argmax(axis=1)
         cells = (np.arange(g) - starts[row, None]) % g < (stops - starts)[row, None]
         return cells, values.max(axis=1)

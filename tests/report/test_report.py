@@ -3,6 +3,7 @@
 import base64
 import dataclasses
 import html.parser
+import io
 import json
 import re
 import shutil
@@ -10,6 +11,7 @@ import shutil
 import numpy as np
 import pytest
 from hostile_worlds import TAG, Hostile
+from PIL import Image
 from typer.testing import CliRunner
 
 from sada_gym import Application, Parameter, ParameterSpace
@@ -20,6 +22,7 @@ from sada_gym.diagnosis.record import Diagnosis, Example, Rate, Weakness, write_
 from sada_gym.errors import FileError, UserError
 from sada_gym.measures.failure_regions import Condition
 from sada_gym.report import page as pages
+from sada_gym.report import thumbnails
 from sada_gym.report.make import report
 from sada_gym.report.page import page
 from sada_gym.report.run import read_reported
@@ -156,6 +159,23 @@ def test_a_run_of_another_version_lacks_some_files(digits, copied, missing):
     else:
         assert missing in Page(content).text
         assert f"{100 * digits.report.afr:.1f} %" in Page(content).text
+
+
+def test_a_plot_is_packed_quickly_or_well_or_left_out(tmp_path, monkeypatch):
+    ramp = np.arange(90_000, dtype=np.uint32).view(np.uint8).reshape(300, 300, 4)
+    Image.fromarray(ramp[..., :3]).save(tmp_path / "plot.png")
+    quickly = thumbnails.plot_of(tmp_path / "plot.png")
+    monkeypatch.setattr(thumbnails, "_MOST_PLOT_BYTES", len(quickly) - 1)
+    well = thumbnails.plot_of(tmp_path / "plot.png")
+    assert len(well) < len(quickly)
+    for plot in (quickly, well):
+        with Image.open(io.BytesIO(plot)) as image:
+            np.testing.assert_array_equal(np.asarray(image), ramp[..., :3])
+    monkeypatch.setattr(thumbnails, "_MOST_PLOT_BYTES", len(well) - 1)
+    assert thumbnails.plot_of(tmp_path / "plot.png") is None
+    Image.new("RGB", (20_000, 1)).save(tmp_path / "wide.png")
+    assert thumbnails.plot_of(tmp_path / "wide.png") is None
+    assert thumbnails.plot_of(tmp_path / "missing.png") is None
 
 
 @pytest.mark.parametrize("damaged", ["worlds.json", "thumbnails.zip", "result.json"])
