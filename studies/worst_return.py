@@ -150,9 +150,9 @@ def plan() -> Iterator[tuple[str, int, int, int]]:
 def table(out: Path) -> str:
     """Return the table of all runs in a folder, in Markdown."""
     pieces = [json.loads(path.read_text("utf-8")) for path in sorted(out.glob("*.json"))]
-    columns = sorted({(parameters, -worlds) for _, parameters, worlds, _ in plan()})
+    columns = sorted({(d, worlds) for _, d, worlds, _ in plan()}, key=lambda c: (c[0], -c[1]))
     lines = [
-        f"| search | {' | '.join(f'd = {d}, {-worlds:,} worlds' for d, worlds in columns)} |",
+        f"| search | {' | '.join(f'd = {d}, {worlds:,} worlds' for d, worlds in columns)} |",
         "| --- " * (1 + len(columns)) + "|",
     ]
     for search in ("grid", *SEARCHES):
@@ -162,7 +162,7 @@ def table(out: Path) -> str:
                 piece["return"]
                 for piece in pieces
                 if (piece["search"], piece["parameters"], piece["worlds"])
-                == (search, parameters, -worlds)
+                == (search, parameters, worlds)
             ]
             cells.append(mean_text(found, 0) if found else "-")
         lines.append(f"| {search} | {' | '.join(cells)} |")

@@ -136,6 +136,21 @@ def parse_options(
     return Options(given.name, recipe, given.seed, given.out, steps is not None)
 
 
+def parse_only_recipe(description: str | None, steps: int, out: Path) -> argparse.Namespace:
+    """Read the options `steps`, `seed` and `out` of a script that has one recipe.
+
+    Args:
+        description: The script's docstring.
+        steps: The recipe's; others make a trial.
+        out: The folder for agent and card.
+    """
+    parser = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
+    parser.add_argument("--steps", type=int, default=steps)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=out)
+    return parser.parse_args()
+
+
 def new_learner(
     new_model: Callable[..., PPO],
     tasks: gym.vector.VectorEnv[Any, Any, Any],

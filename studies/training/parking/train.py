@@ -10,9 +10,7 @@ in it, from which INDAGO's classifier learns; and OUT/parking.md, the card.
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.measures.rates import wilson_interval
 from studies.agents import FOLDER
-from studies.training.common import ModelCard
+from studies.training.common import ModelCard, parse_only_recipe
 from studies.training.parking.world import ParkingWorld, World
 
 EPISODES = 1_000
@@ -155,13 +153,9 @@ def measure(model: Any, *, seed: int, episodes: int = EPISODES) -> str:
     return "\n".join([*lines, f"| steps an episode | {steps / episodes:.1f} |"])
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Train, measure, write; a trial with other steps than the recipe's gets no card."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--steps", type=int, default=Recipe.steps)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=FOLDER)
-    given = parser.parse_args(arguments)
+    given = parse_only_recipe(__doc__, Recipe.steps, FOLDER)
     run(Recipe(steps=given.steps), given.seed, given.out)
 
 
