@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -61,7 +61,6 @@ class Box:
 
     cells: tuple[Bools, ...]
     gain: float = 0.0
-    _last: tuple[Worlds, Bools] | None = field(default=None, init=False, repr=False)
 
     @cached_property
     def conditions(self) -> list[int]:
@@ -69,13 +68,10 @@ class Box:
         return [j for j, cells in enumerate(self.cells) if not cells.all()]
 
     def contains(self, worlds: Worlds) -> Bools:
-        """Return which worlds lie in it, (n,): not to be changed, the next call has it too."""
-        if self._last is not None and self._last[0] is worlds:
-            return self._last[1]
+        """Return which worlds lie in it, (n,)."""
         inside = np.ones(len(worlds), np.bool_)
         for j in self.conditions:
             inside &= self.cells[j][worlds.cells[j]]
-        object.__setattr__(self, "_last", (worlds, inside))
         return inside
 
 
