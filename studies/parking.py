@@ -37,7 +37,7 @@ from studies.parking_searches import Ask, Bools, Floats, TrainingLog, indago, ne
 from studies.training.parking.world import HALF_X_M, HALF_Y_M, OTHERS, SLOTS, ParkingWorld, World
 
 AGENT = FOLDER / "parking.zip"
-SHA256 = "2fa1cc57cc5d7043951b9d3d44ded828a71c0e4f6905f4af181ad2592b2b67b2"
+SHA256 = "f8da99002d464e0380f37b9e06ba2b159274047c836bef46f1f0323778ff93af"
 LOG = FOLDER / "parking-log.npz"
 
 BUDGET, LEARNT = 100, 0.6

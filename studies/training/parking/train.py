@@ -47,7 +47,7 @@ class Recipe:
         relabelled: How many goals are made up for each that was set.
     """
 
-    steps: int = 40_000
+    steps: int = 200_000
     first_steps: int = 500
     batch: int = 256
     rate: float = 1e-3
