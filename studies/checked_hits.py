@@ -1,8 +1,9 @@
-"""`level-set` that checks its hits: it asks next to them, and samples there where that fools more.
+"""`level-set` that checks its hits: it asks next to them, and draws samples there where that pays.
 
 A hit is a query that fooled. Where luck counts, a hit may have been luck, and a surrogate of a
 thousand queries may not see the shape of the fooling set. Then a hit that was checked says more
-about the world beside it than the surrogate does. Between two hits there often are more.
+about the world beside it than the surrogate does. Between two hits there often are more. The level
+set's own samples cover what no hit has found.
 """
 
 from __future__ import annotations
@@ -38,12 +39,19 @@ class CheckedHitsOptions(LevelSetOptions):
         between: The share of the checks that go between two hits, and may be hits of their own.
         width: The standard deviation of a step from a hit, in each parameter.
         keep: The least chance to fool again of a hit that samples lie beside.
+        sure: Where the level set's samples are predicted to fool more often, it alone is sampled.
+        pays: How often checks have to fool, as a share of that prediction; else they end, and the
+            level set alone is sampled.
+        beside: The least share of samples beside hits.
     """
 
     checks: float = option(0.5, 0, 1)
     between: float = option(0.5, 0, 1)
     width: float = option(0.03, 0, 1, inside=True)
-    keep: float = option(0.55, 0, 1)
+    keep: float = option(0.45, 0, 1)
+    sure: float = option(0.9, 0, 1)
+    pays: float = option(0.75, 0, 1)
+    beside: float = option(0.75, 0, 1)
 
 
 class Hits:
@@ -91,18 +99,18 @@ class Hits:
             queries[chosen[-1]] += 1.0
         return np.array(chosen, np.intp)
 
-    def rate(self, keep: float) -> float:
+    def rate(self, keep: float) -> float | None:
         """Estimate how often a mu beside a hit fools, if the hit's chance is at least `keep`.
 
         A check counts where the other outcomes alone would have kept the hit, and the checks of a
-        hit weigh as much as those of any other. Fewer than ten hits so checked give 0.
+        hit weigh as much as those of any other. Fewer than ten hits so checked give None.
         """
         hit, query = np.nonzero(self._close & ~self._own)
         outcome = self._fooled[query]
         others = ((self._prior + self._fooling)[hit] - outcome) / self._queries[hit]
         kept = others >= keep
         if len(np.unique(hit[kept])) < _MIN_CHECKED:
-            return 0.0
+            return None
         weight = 1.0 / (self._queries[hit[kept]] - 1)
         return float(np.average(outcome[kept], weights=weight))
 
@@ -112,10 +120,10 @@ class Hits:
 
 
 class CheckedHits(LevelSet):
-    """A part of each round asks close to hits; samples lie there if they fool more often.
+    """A part of each round asks close to hits, and most samples lie there.
 
-    The part is the share of the level set's samples that are predicted not to fool. See
-    `CheckedHitsOptions`.
+    The part is the share of the level set's samples that are predicted not to fool; of the samples
+    it is twice that share. Checks that fool too seldom end. See `CheckedHitsOptions`.
     """
 
     name: ClassVar[str] = "checked-hits"
@@ -133,8 +141,11 @@ class CheckedHits(LevelSet):
             return self._uniform(0)
         p = surrogate(pool)
         level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
-        misses = 1.0 - float(p[p >= level].mean())
-        checks = int(min(misses, self.options.checks) * count)
+        predicted = float(p[p >= level].mean())
+        rate = hits.rate(self.options.keep)
+        if rate is not None and rate < self.options.pays * predicted:
+            return self._uniform(0)
+        checks = int(min(1.0 - predicted, self.options.checks) * count)
         likely = hits.kept(0.5)
         between = int(self.options.between * checks) if len(likely) > _NEIGHBOURS else 0
         beside = self._beside(hits.mu[hits.to_check(checks - between)])
@@ -164,20 +175,30 @@ class CheckedHits(LevelSet):
 
     def _fit(self, queries: Evaluations) -> None:
         super()._fit(queries)
-        self._centres = np.zeros((0, self.dimension))
+        self._centres, self._part = np.zeros((0, self.dimension)), 0.0
         if self._surrogate.raised or not self.options.checks:
             return
+        predicted = float(self._surrogate(self._starts).mean())
         hits = self._hits(queries, self._surrogate)
-        if hits.rate(self.options.keep) > self._surrogate(self._starts).mean():
+        rate = hits.rate(self.options.keep)
+        if (
+            rate is not None
+            and rate >= self.options.pays * predicted
+            and predicted <= self.options.sure
+        ):
             self._centres = hits.kept(self.options.keep)
+            self._part = min(1.0, max(self.options.beside, 2.0 * (1.0 - predicted)))
 
     def _draw(self, n: int) -> AnyFloats:
         if not len(self._centres):
             return super()._draw(n)
+        count = int(self.rng.binomial(n, self._part))
         # each hit equally often, so that samples are as even as the hits
-        turns = -(-n // len(self._centres))
-        order = [self.rng.permutation(len(self._centres)) for _ in range(turns)]
-        return self._beside(self._centres[np.concatenate(order)[:n]])
+        turns = -(-count // len(self._centres))
+        order = [np.zeros(0, np.intp)]
+        order += [self.rng.permutation(len(self._centres)) for _ in range(turns)]
+        beside = self._beside(self._centres[np.concatenate(order)[:count]])
+        return self.rng.permutation(np.concatenate([beside, super()._draw(n - count)[: n - count]]))
 
     def _beside(self, centres: Floats) -> Mu:
         """Step once from each centre, (n, d), or from some twice where a step is not permitted."""
