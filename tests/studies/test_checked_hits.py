@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.level_set import LevelSet
+from sada_gym.evaluations import Evaluations
 from studies.checked_hits import CheckedHits, Hits
 from studies.landscapes import FunctionOracle
 from studies.lucky_landscapes import LuckyLandscape
@@ -34,7 +35,7 @@ def test_the_rate_beside_hits_is_estimated_from_checks_that_took_no_part_in_the_
     hits = Hits(mu, fooled, np.full(800, 0.3), radius=1e-3)
     assert hits.rate(0.5) == pytest.approx(outcomes[:300].mean(), abs=0.02)
     assert len(hits.kept(0.5)) == (outcomes.reshape(-1, 3).sum(axis=1) > 1).sum()
-    assert Hits(mu[:203], fooled[:203], np.full(203, 0.3), radius=1e-3).rate(0.5) == 0.0
+    assert Hits(mu[:203], fooled[:203], np.full(203, 0.3), radius=1e-3).rate(0.5) is None
 
 
 def test_a_check_between_two_hits_lies_on_the_way_from_one_to_a_near_one():
@@ -65,10 +66,46 @@ def test_it_fools_more_often_where_luck_hides_many_spots():
     assert rates[1] > rates[0] + 0.1
 
 
-def test_where_the_level_set_fools_as_often_its_samples_stay():
-    adversary = CheckedHits(2, seed=0, rounds=2, models=["process"])
-    adversary.train(FunctionOracle(lambda mu: (mu[:, 0] + 1.0) / 2.0, 200))
-    assert not len(adversary._centres)
+def learnt(score, **options):
+    adversary = CheckedHits(2, seed=0, rounds=2, models=["process"], **options)
+    adversary.train(FunctionOracle(score, 300))
+    return adversary
+
+
+def test_where_the_level_set_is_sure_it_alone_is_sampled():
+    assert not len(learnt(lambda mu: (mu[:, 0] + 1.0) / 2.0)._centres)
+
+
+def test_the_parts_of_the_samples_beside_hits_and_in_the_level_set_are_as_asked():
+    luck = LuckyLandscape(0, shape="smooth", dimension=2, inside=0.7, volume=0.4)
+    adversary = learnt(luck, sure=1.0, pays=0.0, beside=0.7, keep=0.7)
+    assert adversary._part == 0.7
+    samples = adversary._draw(2_000)
+    distances = np.linalg.norm(samples[:, None] - adversary._centres[None], axis=2).min(axis=1)
+    level = np.linalg.norm(
+        LevelSet._draw(adversary, 2_000)[:, None] - adversary._centres[None], axis=2
+    ).min(axis=1)
+    far = distances > 4 * adversary.options.width  # which hardly any step from a hit is
+    assert far.mean() == pytest.approx(0.3 * (level > 4 * adversary.options.width).mean(), abs=0.03)
+    assert far.mean() > 0.05
+    assert abs(far[:1_000].mean() - far[1_000:].mean()) < 0.05  # in any order
+
+
+@pytest.mark.parametrize(("pays", "checks"), [(0.7, 0), (0.5, 50)])
+def test_checks_end_where_they_fool_too_seldom(monkeypatch, pays, checks):
+    class Surrogate:
+        raised = False
+        held_out = np.full(40, 0.4)
+
+        def __call__(self, mu):
+            return np.full(len(mu), 0.4)
+
+    monkeypatch.setattr(Hits, "rate", lambda hits, keep: 0.25)
+    adversary = CheckedHits(2, seed=0, pays=pays)
+    adversary.threshold = 0.3
+    mu = adversary._uniform(40)
+    asked = Evaluations.unseeded(mu, np.zeros(40))
+    assert len(adversary._checks(asked, Surrogate(), adversary._uniform(100), 100)) == checks
 
 
 @pytest.mark.parametrize("shape", ["smooth", "spots"])
