@@ -25,6 +25,7 @@ from sada_gym.parameters import Mu
 
 _MAX_CHECKS = 2
 _MIN_CHECKED = 10
+_TRIAL = 30
 _NEIGHBOURS = 3
 _BETWEEN = (0.3, 0.7)
 """Where a check between two hits goes, from one to the other."""
@@ -123,7 +124,7 @@ class CheckedHits(LevelSet):
     """A part of each round asks close to hits, and most samples lie there.
 
     The part is the share of the level set's samples that are predicted not to fool; of the samples
-    it is twice that share. Checks that fool too seldom end. See `CheckedHitsOptions`.
+    it is twice that share. A few checks say first whether more would pay. See `CheckedHitsOptions`.
     """
 
     name: ClassVar[str] = "checked-hits"
@@ -143,9 +144,11 @@ class CheckedHits(LevelSet):
         level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
         predicted = float(p[p >= level].mean())
         rate = hits.rate(self.options.keep)
-        if rate is not None and rate < self.options.pays * predicted:
-            return self._uniform(0)
         checks = int(min(1.0 - predicted, self.options.checks) * count)
+        if rate is None:
+            return self._beside(hits.mu[hits.to_check(min(checks, _TRIAL))])
+        if rate < self.options.pays * predicted:
+            return self._uniform(0)
         likely = hits.kept(0.5)
         between = int(self.options.between * checks) if len(likely) > _NEIGHBOURS else 0
         beside = self._beside(hits.mu[hits.to_check(checks - between)])
