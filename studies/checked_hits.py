@@ -24,8 +24,7 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 _MAX_CHECKS = 2
-_MIN_CHECKED = 10
-_TRIAL = 30
+_TRIAL, _STEPS = 30, 500
 _NEIGHBOURS = 3
 _BETWEEN = (0.3, 0.7)
 """Where a check between two hits goes, from one to the other."""
@@ -41,8 +40,8 @@ class CheckedHitsOptions(LevelSetOptions):
         width: The standard deviation of a step from a hit, in each parameter.
         keep: The least chance to fool again of a hit that samples lie beside.
         sure: Where the level set's samples are predicted to fool more often, it alone is sampled.
-        pays: How often checks have to fool, as a share of that prediction; else they end, and the
-            level set alone is sampled.
+        pays: How often mu beside hits are predicted to fool, as a share of that prediction, at the
+            least: else checks rest, and the level set alone is sampled.
         beside: The least share of samples beside hits.
     """
 
@@ -51,7 +50,7 @@ class CheckedHitsOptions(LevelSetOptions):
     width: float = option(0.03, 0, 1, inside=True)
     keep: float = option(0.45, 0, 1)
     sure: float = option(0.9, 0, 1)
-    pays: float = option(0.75, 0, 1)
+    pays: float = option(0.9, 0, 1)
     beside: float = option(0.75, 0, 1)
 
 
@@ -70,6 +69,7 @@ class Hits:
         mu: The hits, (h, d).
         chance: Their chances to fool again: the mean of the prediction and of the outcomes at the
             hit and within the radius, (h,).
+        checks: How many queries check a hit; one that checks two counts twice.
     """
 
     def __init__(self, mu: Floats, fooled: Bools, chance: Floats, radius: float) -> None:
@@ -80,13 +80,11 @@ class Hits:
             if not close[i, first].any():
                 first.append(i)
         self.mu = mu[rows[first]]
-        self._close = cdist(self.mu, mu) <= radius
-        self._own = np.zeros_like(self._close)
-        self._own[np.arange(len(first)), rows[first]] = True
-        self._fooled, self._prior = fooled.astype(np.float64), chance[rows[first]]
-        self._queries = self._close.sum(axis=1)
-        self._fooling = self._close @ self._fooled
-        self.chance: Floats = (self._prior + self._fooling) / (1 + self._queries)
+        close_to = cdist(self.mu, mu) <= radius
+        self._queries = close_to.sum(axis=1)
+        fooling = close_to @ fooled.astype(np.float64)
+        self.checks = int(self._queries.sum()) - len(first)
+        self.chance: Floats = (chance[rows[first]] + fooling) / (1 + self._queries)
 
     def to_check(self, count: int) -> Indices:
         """Choose the hits to check, at most twice as many as there are: (count,) rows.
@@ -99,21 +97,6 @@ class Hits:
             chosen.append(int(np.argmax(doubt / (1.0 + queries))))
             queries[chosen[-1]] += 1.0
         return np.array(chosen, np.intp)
-
-    def rate(self, keep: float) -> float | None:
-        """Estimate how often a mu beside a hit fools, if the hit's chance is at least `keep`.
-
-        A check counts where the other outcomes alone would have kept the hit, and the checks of a
-        hit weigh as much as those of any other. Fewer than ten hits so checked give None.
-        """
-        hit, query = np.nonzero(self._close & ~self._own)
-        outcome = self._fooled[query]
-        others = ((self._prior + self._fooling)[hit] - outcome) / self._queries[hit]
-        kept = others >= keep
-        if len(np.unique(hit[kept])) < _MIN_CHECKED:
-            return None
-        weight = 1.0 / (self._queries[hit[kept]] - 1)
-        return float(np.average(outcome[kept], weights=weight))
 
     def kept(self, keep: float) -> Floats:
         """Return the hits of at least a chance: (m, d)."""
@@ -143,11 +126,10 @@ class CheckedHits(LevelSet):
         p = surrogate(pool)
         level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
         predicted = float(p[p >= level].mean())
-        rate = hits.rate(self.options.keep)
         checks = int(min(1.0 - predicted, self.options.checks) * count)
-        if rate is None:
+        if hits.checks < _TRIAL:
             return self._beside(hits.mu[hits.to_check(min(checks, _TRIAL))])
-        if rate < self.options.pays * predicted:
+        if not self._pay(hits, surrogate, predicted):
             return self._uniform(0)
         likely = hits.kept(0.5)
         between = int(self.options.between * checks) if len(likely) > _NEIGHBOURS else 0
@@ -183,14 +165,17 @@ class CheckedHits(LevelSet):
             return
         predicted = float(self._surrogate(self._starts).mean())
         hits = self._hits(queries, self._surrogate)
-        rate = hits.rate(self.options.keep)
-        if (
-            rate is not None
-            and rate >= self.options.pays * predicted
-            and predicted <= self.options.sure
-        ):
+        if self._pay(hits, self._surrogate, predicted):
             self._centres = hits.kept(self.options.keep)
             self._part = min(1.0, max(self.options.beside, 2.0 * (1.0 - predicted)))
+
+    def _pay(self, hits: Hits, surrogate: Surrogate, predicted: float) -> bool:
+        """Say whether samples beside hits are predicted to fool about as often as the level set."""
+        kept = hits.kept(self.options.keep)
+        if not len(kept) or predicted > self.options.sure:
+            return False
+        beside = surrogate(self._beside(np.resize(kept, (_STEPS, self.dimension))))
+        return float(beside.mean()) >= self.options.pays * predicted
 
     def _draw(self, n: int) -> AnyFloats:
         if not len(self._centres):
