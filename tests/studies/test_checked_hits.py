@@ -24,18 +24,15 @@ def test_checks_go_where_a_hit_is_most_in_doubt_and_each_is_counted():
     assert len(hits.to_check(100)) == 4
 
 
-def test_the_rate_beside_hits_is_estimated_from_checks_that_took_no_part_in_the_choice():
-    rng = np.random.default_rng(1)
-    centres = np.linspace(-1.0, 1.0, 200)[:, None]
-    lasting = np.arange(200) < 100  # the others fooled by luck, and never again
-    checks = np.repeat(centres, 3, axis=0) + 1e-4
-    outcomes = np.repeat(lasting, 3) & (rng.random(600) < 0.8)
+def test_hits_whose_checks_fail_are_not_kept():
+    centres = np.linspace(-1.0, 1.0, 20)[:, None]
+    checks = np.repeat(centres, 2, axis=0) + 1e-4
+    lasting = np.arange(20) < 10  # the others fooled by luck, and never again
     mu = np.concatenate([centres, checks])
-    fooled = np.concatenate([np.ones(200, bool), outcomes])
-    hits = Hits(mu, fooled, np.full(800, 0.3), radius=1e-3)
-    assert hits.rate(0.5) == pytest.approx(outcomes[:300].mean(), abs=0.02)
-    assert len(hits.kept(0.5)) == (outcomes.reshape(-1, 3).sum(axis=1) > 1).sum()
-    assert Hits(mu[:203], fooled[:203], np.full(203, 0.3), radius=1e-3).rate(0.5) is None
+    fooled = np.concatenate([np.ones(20, bool), np.repeat(lasting, 2)])
+    hits = Hits(mu, fooled, np.full(60, 0.3), radius=1e-3)
+    assert hits.checks == 40
+    assert (hits.kept(0.45) == centres[:10]).all()
 
 
 def test_a_check_between_two_hits_lies_on_the_way_from_one_to_a_near_one():
@@ -91,21 +88,38 @@ def test_the_parts_of_the_samples_beside_hits_and_in_the_level_set_are_as_asked(
     assert abs(far[:1_000].mean() - far[1_000:].mean()) < 0.05  # in any order
 
 
-@pytest.mark.parametrize(("pays", "checks"), [(0.7, 0), (0.5, 50)])
-def test_checks_end_where_they_fool_too_seldom(monkeypatch, pays, checks):
-    class Surrogate:
-        raised = False
-        held_out = np.full(40, 0.4)
+class Surrogate:
+    """Says that mu fool with chance 0.4, but with 0.3 where x > 0."""
 
-        def __call__(self, mu):
-            return np.full(len(mu), 0.4)
+    raised = False
 
-    monkeypatch.setattr(Hits, "rate", lambda hits, keep: 0.25)
-    adversary = CheckedHits(2, seed=0, pays=pays)
+    def __init__(self, queries):
+        self.held_out = np.full(queries, 0.4)
+
+    def __call__(self, mu):
+        return np.where(mu[:, 0] > 0.0, 0.3, 0.4)
+
+
+def asked(checks):
+    """Twenty hits where x > 0, each checked so often."""
+    y = np.linspace(-0.95, 0.95, 20)
+    mu = np.stack([np.full(20, 0.5), y], axis=1).astype(np.float32)
+    return Evaluations.unseeded(np.concatenate([mu] * (1 + checks)), np.zeros(20 * (1 + checks)))
+
+
+@pytest.mark.parametrize(("pays", "checks"), [(0.8, 0), (0.7, 50)])
+def test_checks_end_where_they_are_predicted_to_fool_too_seldom(pays, checks):
+    adversary = CheckedHits(2, seed=0, pays=pays, between=0.5, width=0.01)
     adversary.threshold = 0.3
-    mu = adversary._uniform(40)
-    asked = Evaluations.unseeded(mu, np.zeros(40))
-    assert len(adversary._checks(asked, Surrogate(), adversary._uniform(100), 100)) == checks
+    surrogate = Surrogate(60)
+    found = adversary._checks(asked(2), surrogate, adversary._uniform(1_000), 100)
+    assert len(found) == checks
+
+
+def test_a_trial_of_thirty_checks_comes_first():
+    adversary = CheckedHits(2, seed=0, pays=1.0, width=0.01)
+    adversary.threshold = 0.3
+    assert len(adversary._checks(asked(0), Surrogate(20), adversary._uniform(1_000), 100)) == 30
 
 
 @pytest.mark.parametrize("shape", ["smooth", "spots"])
