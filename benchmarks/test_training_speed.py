@@ -20,6 +20,8 @@ from sada_gym.evaluation.oracle import Oracle
 from sada_gym.testing.processes import in_fresh_process
 
 N, DIMENSION, SAMPLES = 20_000, 8, 250
+FEW, MANY_DIMENSIONS, FEW_LIMIT_S = 1_000, 10, 25.0
+"""`level-set` has a limit for few queries, too."""
 _OTHERS = "gaussian gmm10 gmm50 bbgan bbgan-boost cross-entropy smc cma-mae reinforce level-set"
 LIMITS = {"svm": (300.0, 4.0), "gp": (120.0, 4.0)} | dict.fromkeys(_OTHERS.split(), (60.0, 4.0))
 LIMITS |= dict.fromkeys(("ppo", "sac", "td3"), (300.0, 4.0))
@@ -51,14 +53,14 @@ GP_RATIO = 2.0
 def landscape(mu):
     """Waves under noise, so that scores spread over [0, 1] and no surrogate can be smooth."""
     rng = np.random.default_rng(0)
-    directions, phases = 1.5 * rng.normal(size=(DIMENSION, 40)), rng.uniform(0.0, 6.3, 40)
+    directions, phases = 1.5 * rng.normal(size=(mu.shape[1], 40)), rng.uniform(0.0, 6.3, 40)
     height = np.cos(mu @ directions + phases).sum(axis=1) / 3.0 + rng.normal(size=len(mu))
     return 1.0 / (1.0 + np.exp(-height))
 
 
-def cost(name):
-    adversary = make(name, DIMENSION, seed=0)
-    oracle = Oracle(landscape, dimension=DIMENSION, threshold=0.3, budget=N)
+def cost(name, dimension=DIMENSION, queries=N):
+    adversary = make(name, dimension, seed=0)
+    oracle = Oracle(landscape, dimension=dimension, threshold=0.3, budget=queries)
     wall, process = time.perf_counter(), time.process_time()
     adversary.train(oracle)
     wall, process = time.perf_counter() - wall, time.process_time() - process
@@ -74,6 +76,17 @@ def cost(name):
 def test_training(benchmark, name):
     COSTS[name] = benchmark.pedantic(in_fresh_process, (cost, name), {"home": Cost}, rounds=1)
     benchmark.extra_info |= vars(COSTS[name])
+
+
+def test_level_set_of_few_queries(benchmark, capsys):
+    arguments = ("level-set", MANY_DIMENSIONS, FEW)
+    spent = benchmark.pedantic(in_fresh_process, (cost, *arguments), {"home": Cost}, rounds=1)
+    benchmark.extra_info |= vars(spent)
+    with capsys.disabled():
+        print(
+            f"\n\nlevel-set, {FEW} queries in {MANY_DIMENSIONS} dimensions: {spent.wall_s:.1f} s, "
+            f"{spent.process_s:.1f} s of the processor (at most {FEW_LIMIT_S:.0f})"
+        )
 
 
 def solver_seconds(max_factorised):
