@@ -24,7 +24,9 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 _MAX_CHECKS = 2
-_TRIAL, _STEPS = 30, 500
+_TRIAL, _STEPS, _POOL = 30, 500, 10_000
+_SLACK = 0.9
+"""Before all checks are made, some of the hits that were luck are still among those kept."""
 _NEIGHBOURS = 3
 _BETWEEN = (0.3, 0.7)
 """Where a check between two hits goes, from one to the other."""
@@ -40,8 +42,9 @@ class CheckedHitsOptions(LevelSetOptions):
         width: The standard deviation of a step from a hit, in each parameter.
         keep: The least chance to fool again of a hit that samples lie beside.
         sure: Where the level set's samples are predicted to fool more often, it alone is sampled.
-        pays: How often mu beside hits are predicted to fool, as a share of that prediction, at the
-            least: else checks rest, and the level set alone is sampled.
+        pays: How often mu beside hits have to fool by prediction, as a share of what is predicted
+            at level 1/2: else checks rest, and the level set alone is sampled. Samples beside hits
+            have to fool more often than not, too.
         beside: The least share of samples beside hits.
     """
 
@@ -50,7 +53,7 @@ class CheckedHitsOptions(LevelSetOptions):
     width: float = option(0.03, 0, 1, inside=True)
     keep: float = option(0.45, 0, 1)
     sure: float = option(0.9, 0, 1)
-    pays: float = option(0.9, 0, 1)
+    pays: float = option(1.0, 0, 2)
     beside: float = option(0.75, 0, 1)
 
 
@@ -123,13 +126,11 @@ class CheckedHits(LevelSet):
         hits = self._hits(queries, surrogate)
         if surrogate.raised or not len(hits.mu):
             return self._uniform(0)
-        p = surrogate(pool)
-        level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
-        predicted = float(p[p >= level].mean())
+        predicted = self._predict_half(surrogate, pool)
         checks = int(min(1.0 - predicted, self.options.checks) * count)
         if hits.checks < _TRIAL:
             return self._beside(hits.mu[hits.to_check(min(checks, _TRIAL))])
-        if not self._pay(hits, surrogate, predicted):
+        if self._rate_beside(hits, surrogate) < _SLACK * self.options.pays * predicted:
             return self._uniform(0)
         likely = hits.kept(0.5)
         between = int(self.options.between * checks) if len(likely) > _NEIGHBOURS else 0
@@ -163,19 +164,26 @@ class CheckedHits(LevelSet):
         self._centres, self._part = np.zeros((0, self.dimension)), 0.0
         if self._surrogate.raised or not self.options.checks:
             return
-        predicted = float(self._surrogate(self._starts).mean())
+        sure = float(self._surrogate(self._starts).mean())
         hits = self._hits(queries, self._surrogate)
-        if self._pay(hits, self._surrogate, predicted):
+        predicted = self._predict_half(self._surrogate, self._uniform(_POOL))
+        least = max(0.5, self.options.pays * predicted)
+        if sure <= self.options.sure and self._rate_beside(hits, self._surrogate) >= least:
             self._centres = hits.kept(self.options.keep)
-            self._part = min(1.0, max(self.options.beside, 2.0 * (1.0 - predicted)))
+            self._part = min(1.0, max(self.options.beside, 2.0 * (1.0 - sure)))
 
-    def _pay(self, hits: Hits, surrogate: Surrogate, predicted: float) -> bool:
-        """Say whether samples beside hits are predicted to fool about as often as the level set."""
+    def _predict_half(self, surrogate: Surrogate, pool: Mu) -> float:
+        """Predict how often the level set fools at level 1/2, which no rise made smaller."""
+        p = surrogate(pool)
+        level = min(0.5, float(np.quantile(p, 1.0 - self.options.volume * p.mean())))
+        return float(p[p >= level].mean())
+
+    def _rate_beside(self, hits: Hits, surrogate: Surrogate) -> float:
+        """Predict how often mu beside the hits that are kept fool; 0 where none is kept."""
         kept = hits.kept(self.options.keep)
-        if not len(kept) or predicted > self.options.sure:
-            return False
-        beside = surrogate(self._beside(np.resize(kept, (_STEPS, self.dimension))))
-        return float(beside.mean()) >= self.options.pays * predicted
+        if not len(kept):
+            return 0.0
+        return float(surrogate(self._beside(np.resize(kept, (_STEPS, self.dimension)))).mean())
 
     def _draw(self, n: int) -> AnyFloats:
         if not len(self._centres):

@@ -89,15 +89,15 @@ def test_the_parts_of_the_samples_beside_hits_and_in_the_level_set_are_as_asked(
 
 
 class Surrogate:
-    """Says that mu fool with chance 0.4, but with 0.3 where x > 0."""
+    """Says that mu fool with chance 0.8, but with 0.6 where x > 0."""
 
     raised = False
 
     def __init__(self, queries):
-        self.held_out = np.full(queries, 0.4)
+        self.held_out = np.full(queries, 0.8)
 
     def __call__(self, mu):
-        return np.where(mu[:, 0] > 0.0, 0.3, 0.4)
+        return np.where(mu[:, 0] > 0.0, 0.6, 0.8)
 
 
 def asked(checks):
@@ -107,19 +107,19 @@ def asked(checks):
     return Evaluations.unseeded(np.concatenate([mu] * (1 + checks)), np.zeros(20 * (1 + checks)))
 
 
-@pytest.mark.parametrize(("pays", "checks"), [(0.8, 0), (0.7, 50)])
+@pytest.mark.parametrize(("pays", "checks"), [(1.0, 0), (0.9, 30)])
 def test_checks_end_where_they_are_predicted_to_fool_too_seldom(pays, checks):
-    adversary = CheckedHits(2, seed=0, pays=pays, between=0.5, width=0.01)
+    """The level set fools with 0.7, mu beside hits with 0.6; checks need 0.9 x pays of 0.7."""
+    adversary = CheckedHits(2, seed=0, pays=pays, width=0.01)
     adversary.threshold = 0.3
-    surrogate = Surrogate(60)
-    found = adversary._checks(asked(2), surrogate, adversary._uniform(1_000), 100)
-    assert len(found) == checks
+    pool = np.stack([np.linspace(-1.0, 1.0, 1_000), np.zeros(1_000)], axis=1).astype(np.float32)
+    assert len(adversary._checks(asked(2), Surrogate(60), pool, 101)) == checks
 
 
 def test_a_trial_of_thirty_checks_comes_first():
     adversary = CheckedHits(2, seed=0, pays=1.0, width=0.01)
     adversary.threshold = 0.3
-    assert len(adversary._checks(asked(0), Surrogate(20), adversary._uniform(1_000), 100)) == 30
+    assert len(adversary._checks(asked(0), Surrogate(20), adversary._uniform(1_000), 150)) == 30
 
 
 @pytest.mark.parametrize("shape", ["smooth", "spots"])
