@@ -190,9 +190,8 @@ class CheckedHits(LevelSet):
             return super()._draw(n)
         count = int(self.rng.binomial(n, self._part))
         # each hit equally often, so that samples are as even as the hits
-        turns = -(-count // len(self._centres))
-        order = [np.zeros(0, np.intp)]
-        order += [self.rng.permutation(len(self._centres)) for _ in range(turns)]
+        turns = max(1, -(-count // len(self._centres)))
+        order = [self.rng.permutation(len(self._centres)) for _ in range(turns)]
         beside = self._beside(self._centres[np.concatenate(order)[:count]])
         return self.rng.permutation(np.concatenate([beside, super()._draw(n - count)[: n - count]]))
 
