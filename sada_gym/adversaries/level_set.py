@@ -8,12 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
+from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, validate_array
+from sada_gym.adversaries.models.hits import MIN_NEAR, Hits, between, in_turn
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.options import Options, option
-from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
-from sada_gym.arrays import AnyFloats, Floats, Indices
+from sada_gym.adversaries.query_pool import draw_permitted, evaluate, evaluate_uniform
+from sada_gym.arrays import AnyFloats, Bools, Floats, Indices
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import density_and_coverage
@@ -29,6 +30,8 @@ _RARE = 0.002
 _WALK_STEPS = 60
 _LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
 _SAMPLES, _DRAWS = 250, 10
+_MAX_TRIAL, _PREDICTION, _SURE, _BEHIND = 200, 50, 0.9, 0.1
+_CHECKS = 0.4
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,11 @@ class LevelSetOptions(Options):
         explore: The share of each round that is uniform.
         coverage: The share of the coverage that a higher level has to keep; 1.0 never raises it.
         volume: The least volume of the sampled set, as a share of the volume predicted to fool.
+        trial: The share of the budget that tries mu close to hits, and as much the level set; 0
+            never samples beside hits.
+        width: The standard deviation of a step from a hit, in each parameter.
+        keep: The least chance to fool again of a hit that samples lie beside.
+        beside: The share of the samples beside hits, where they pay.
         models: The models that the surrogate stacks: `trees`, `process`.
     """
 
@@ -49,6 +57,10 @@ class LevelSetOptions(Options):
     explore: float = option(0.25, 0, 1)
     coverage: float = option(0.98, 0, 1)
     volume: float = option(1.0 / 3.0, 0, 1)
+    trial: float = option(0.05, 0, 0.25)
+    width: float = option(0.03, 0, 1, inside=True)
+    keep: float = option(0.45, 0, 1)
+    beside: float = option(0.75, 0, 1)
     models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), max_items=len(MODELS))
 
 
@@ -69,6 +81,7 @@ class LevelSet(FittedAdversary):
     options_class = LevelSetOptions
     options: LevelSetOptions
     level: float = 0.5
+    hits_pay: bool = False
 
     def uniform_part(self, queries: int) -> int:
         """Say how many queries the first, uniform round has."""
@@ -82,24 +95,86 @@ class LevelSet(FittedAdversary):
                 f"Expected a budget of at least {MIN_BUDGET} queries, got {budget}. Raise it."
             )
         rounds, first = self.options.rounds, self.uniform_part(budget)
+        trial, self.hits_pay = min(int(self.options.trial * budget), _MAX_TRIAL), False
         queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for i in range(1, rounds + 1):
             part = first + (budget - first) * i // rounds - len(queries)
-            if part:
-                surrogate = self._fit_surrogate(queries, self.rng)
-                pool = self._uniform(max(_pool_size(budget), 4 * part))
-                queries += evaluate(self._next(queries, surrogate, pool, part), oracle)
+            if not part:
+                continue
+            surrogate = self._fit_surrogate(queries, self.rng)
+            pool = self._uniform(max(_pool_size(budget), 4 * part))
+            p = surrogate(pool)
+            each = min(trial, part // 2)
+            if each and not surrogate.raised:
+                queries += self._try_hits(queries, surrogate, pool, p, each, oracle)
+                part, trial = part - 2 * each, 0
+            checks = self._check_hits(queries, surrogate, int(_CHECKS * part))
+            chosen = self._choose(surrogate, pool, p, part - len(checks))
+            queries += evaluate(np.concatenate([checks, chosen]), oracle)
         return queries
 
-    def _next(self, queries: Evaluations, surrogate: Surrogate, pool: Mu, count: int) -> Mu:  # noqa: ARG002
-        """Choose the queries of a round, by a surrogate of those so far: (count, d)."""
-        return self._choose(surrogate, pool, count)
+    def _try_hits(
+        self,
+        queries: Evaluations,
+        surrogate: Surrogate,
+        pool: Mu,
+        p: Floats,
+        each: int,
+        oracle: Query,
+    ) -> Evaluations:
+        """Try which fools more often, mu close to hits or the level set: `each` queries of both.
+
+        The surrogate may be too hopeful of its level set, so its prediction counts as no more than
+        `_PREDICTION` queries. Checks will find the hits that were luck, so hits pay from `_BEHIND`
+        below the level set on; but nothing is to be gained where that fools in `_SURE`.
+        """
+        hits = queries.mu[queries.fooled(self.threshold)].astype(np.float64)
+        beside = self._step(hits[in_turn(each, len(hits), self.rng)])
+        likely = np.argsort(-p)[: max(each, int(self.options.volume * p.sum()))]
+        inside = pool[self.rng.choice(likely, each, replace=False)]
+        tried = evaluate(np.concatenate([beside, inside]), oracle)
+        fooled = tried.fooled(self.threshold)
+
+        def rate(mu: Mu, fooled: Bools) -> float:
+            predicted = _PREDICTION * float(surrogate(mu).mean())
+            return (predicted + int(fooled.sum())) / (_PREDICTION + each)
+
+        of_hits, of_set = rate(beside, fooled[:each]), rate(inside, fooled[each:])
+        self.hits_pay = of_set < _SURE and of_hits >= of_set - _BEHIND
+        return tried
+
+    def _check_hits(self, queries: Evaluations, surrogate: Surrogate, count: int) -> Mu:
+        """Choose queries close to hits that may have been luck, and as many between hits."""
+        if not self.hits_pay:
+            return self._uniform(0)
+        hits, half = self._hits(queries, surrogate), count // 2
+        likely = hits.kept(0.5)
+        beside = self._step(hits.most_in_doubt(count - half))
+        if len(likely) <= MIN_NEAR:
+            return beside
+        middle = draw_permitted(lambda n: _mu(between(likely, n, self.rng)), half, self._permits)
+        return np.concatenate([beside, middle])
+
+    def _hits(self, queries: Evaluations, surrogate: Surrogate) -> Hits:
+        mu = queries.mu.astype(np.float64)
+        learnt = len(surrogate.held_out)
+        predicted = np.append(surrogate.held_out, surrogate(mu[learnt:]))
+        radius = 2.0 * self.options.width * np.sqrt(self.dimension)
+        return Hits(mu, queries.fooled(self.threshold), predicted, radius)
+
+    def _step(self, centres: Floats) -> Mu:
+        """Step once from each centre, (n, d), or from some twice where a step is not permitted."""
+
+        def step(count: int) -> Mu:
+            around = np.resize(centres, (count, self.dimension))
+            return _mu(reflect(around + self.options.width * self.rng.normal(size=around.shape)))
+
+        return draw_permitted(step, len(centres), self._permits)
 
     def _fit_surrogate(self, queries: Evaluations, rng: np.random.Generator) -> Surrogate:
         return Surrogate(queries.mu, queries.score, self.threshold, rng, self.options.models)
 
-    def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
-        p = surrogate(pool)
+    def _choose(self, surrogate: Surrogate, pool: Mu, p: Floats, count: int) -> Mu:
         # too few fool to know the boundary: go where the scores are lowest
         odds = (p**4 if surrogate.raised else self._acquisition(surrogate, pool, p)) + 1e-12
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
@@ -127,6 +202,9 @@ class LevelSet(FittedAdversary):
         inside = p >= self.level
         self._share = float(inside.mean())
         self._starts = pool[inside][:_MIN_SET]
+        self._centres = np.zeros((0, self.dimension))
+        if self.hits_pay:
+            self._centres = self._hits(queries, self._surrogate).kept(self.options.keep)
 
     def _raise_level(self, pool: Mu, p: Floats, rows: Indices, highest: float) -> None:
         real, others = pool[rows[:_MIN_SET]], rows[_MIN_SET:]
@@ -155,7 +233,23 @@ class LevelSet(FittedAdversary):
             covered.append(density_and_coverage(reference, fooling).coverage)
         return float(np.mean(covered))
 
+    def _arrays(self) -> Arrays:
+        return {"hits_pay": np.array([self.hits_pay], np.uint8)}
+
+    def _restore(self, arrays: Arrays) -> None:
+        # before version ... there were no hits
+        self.hits_pay = "hits_pay" in arrays and bool(validate_array(arrays, "hits_pay", 1)[0])
+        super()._restore(arrays)
+
     def _draw(self, n: int) -> AnyFloats:
+        if not len(self._centres):
+            return self._draw_level_set(n)
+        count = int(self.rng.binomial(n, self.options.beside))
+        beside = self._step(self._centres[in_turn(count, len(self._centres), self.rng)])
+        level_set = self._draw_level_set(n - count)[: n - count]
+        return self.rng.permutation(np.concatenate([beside, level_set]))
+
+    def _draw_level_set(self, n: int) -> AnyFloats:
         if self._share < _RARE:
             return self._walk(n)
         pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MAX_POOLS * _MAX_POOL))
@@ -179,3 +273,8 @@ class LevelSet(FittedAdversary):
 
 def _pool_size(queries: int) -> int:
     return min(max(_POOL_PER_QUERY * queries, _MIN_POOL), _MAX_POOL)
+
+
+def _mu(values: Floats) -> Mu:
+    mu: Mu = values.astype(np.float32)
+    return mu

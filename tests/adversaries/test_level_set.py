@@ -5,11 +5,13 @@ from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.level_set import MIN_BUDGET, LevelSet
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.envs.digits.application import DigitsApplication
+from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.testing import AdversaryContract
 from sada_gym.testing.scales import scales
 from studies.landscapes import THRESHOLD, FunctionOracle, Landscape
+from studies.lucky_landscapes import LuckyLandscape
 
 
 class TestLevelSet(AdversaryContract):
@@ -163,6 +165,116 @@ def test_extreme_dimensions(dimension):
     assert (samples[:, 0] <= -0.4).mean() > 0.8
 
 
+def spots():
+    return LuckyLandscape(0, shape="spots", dimension=5)
+
+
+@pytest.fixture(scope="module")
+def lucky():
+    adversary, _ = trained(spots(), dimension=5, rounds=2, models=["process"])
+    assert adversary.hits_pay
+    return adversary
+
+
+def test_where_luck_hides_many_spots_samples_lie_beside_hits_and_fool_more_often(lucky):
+    without, _ = trained(spots(), dimension=5, rounds=2, models=["process"], trial=0.0)
+    assert not without.hits_pay
+    assert lucky.queries.fooled(THRESHOLD).sum() > without.queries.fooled(THRESHOLD).sum()
+    rates = [spots().fooling_rate(a._draw(1_000)).mean() for a in (without, lucky)]
+    assert rates[1] > rates[0] + 0.1
+
+
+def test_samples_beside_hits_and_in_the_level_set_have_the_parts_asked_for(lucky):
+    def far(samples):
+        """Farther from each hit than a step goes: the norm of five Gaussian numbers is below 5."""
+        distances = np.linalg.norm(samples[:, None] - lucky._centres[None], axis=2)
+        return distances.min(axis=1) > 5 * lucky.options.width
+
+    samples = lucky._draw(4_000)
+    assert len(samples) == 4_000
+    expected = 0.25 * far(lucky._draw_level_set(2_000)).mean()
+    assert expected > 0.1
+    assert far(samples).mean() == pytest.approx(expected, abs=0.03)
+    assert abs(far(samples[:2_000]).mean() - far(samples[2_000:]).mean()) < 0.05  # in any order
+
+
+def test_a_saved_one_still_knows_that_hits_pay(lucky, tmp_path):
+    lucky.save(tmp_path)
+    loaded = LevelSet.load(tmp_path)
+    assert loaded.hits_pay
+    assert (loaded.sample(100) == lucky.sample(100)).all()
+
+
+def test_all_its_queries_are_feasible_where_hits_pay():
+    class Oracle(FunctionOracle):
+        def permits(self, mu):
+            return mu[:, 0] > 0.2
+
+    adversary = LevelSet(5, seed=0, models=["process"], rounds=2)
+    adversary.train(Oracle(spots(), 500, THRESHOLD))
+    assert adversary.hits_pay
+    assert (adversary.queries.mu[:, 0] > 0.2).all()
+    assert (adversary.sample(300)[:, 0] > 0.2).all()
+
+
+class Trial:
+    """An oracle of which mu close to hits fool at one rate, and those of the level set at another.
+
+    Half of the pool is likely to fool, x > 0; the surrogate says so. Hits lie at x < -0.5.
+    """
+
+    threshold = 0.5
+    raised = False
+
+    def __init__(self, of_hits, of_set, predicted):
+        self._rates, self._predicted = (of_hits, of_set), predicted
+
+    def __call__(self, mu):
+        at_hits = mu[:, 0] < 0.0
+        score = np.ones(len(mu))
+        for rows, rate in zip((at_hits, ~at_hits), self._rates, strict=True):
+            score[np.flatnonzero(rows)[: round(rate * rows.sum())]] = 0.0
+        return score
+
+    def predict(self, mu):
+        return np.where(mu[:, 0] < 0.0, self._predicted[0], self._predicted[1])
+
+
+@pytest.mark.parametrize(
+    ("of_hits", "of_set", "predicted", "pays"),
+    [
+        (0.6, 0.6, (0.6, 0.6), True),
+        (0.52, 0.6, (0.52, 0.6), True),  # checks will make up for so much
+        (0.48, 0.6, (0.48, 0.6), False),
+        (0.6, 0.4, (0.4, 0.8), True),  # (0.6 + 0.4)/2 against (0.4 + 0.8)/2: both tell
+        (0.6, 0.55, (0.4, 0.8), False),
+        (1.0, 0.95, (1.0, 0.95), False),  # nothing is to be gained
+    ],
+)
+def test_hits_pay_where_tried_and_predicted_they_fool_nearly_as_often(
+    of_hits, of_set, predicted, pays
+):
+    adversary, trial = LevelSet(2, seed=0), Trial(of_hits, of_set, predicted)
+    adversary.threshold = trial.threshold
+    hits = np.stack([np.full(20, -0.8), np.linspace(-0.9, 0.9, 20)], axis=1).astype(np.float32)
+    queries = Evaluations.unseeded(hits, np.zeros(20))
+    pool = adversary._uniform(2_000)
+    p = trial.predict(pool) + 0.1 * (pool[:, 0] > 0.0)
+    tried = adversary._try_hits(queries, trial.predict, pool, p, 50, trial)
+    assert len(tried) == 100
+    assert (tried.mu[:50, 0] < -0.5).all()
+    assert (tried.mu[50:, 0] > 0.0).all()
+    assert adversary.hits_pay == pays
+
+
+@pytest.mark.parametrize("options", [{"trial": 0.0}, {"trial": 0.25, "rounds": 100}, {"rounds": 1}])
+@pytest.mark.parametrize("budget", [MIN_BUDGET, 41, 120])
+def test_the_budget_is_spent_to_the_last_query(options, budget):
+    adversary, oracle = trained(spots(), dimension=5, budget=budget, models=["process"], **options)
+    assert oracle.remaining == 0
+    assert len(adversary.queries) == budget
+
+
 def test_too_small_a_budget_is_refused():
     with pytest.raises(ValueError, match=f"budget of at least {MIN_BUDGET} queries, got 19"):
         trained(lambda mu: mu[:, 0], dimension=1, budget=19)
@@ -184,6 +296,10 @@ def test_scores_that_are_no_numbers_are_refused():
         ({"explore": 1.5}, "Expected explore to be a float from"),
         ({"coverage": np.nan}, "Expected coverage to be a float from"),
         ({"volume": -0.1}, "Expected volume to be a float from 0 to 1, such as .*; got -0.1"),
+        ({"trial": 0.3}, "Expected trial to be a float from 0 to 0.25, such as 0.05; got 0.3"),
+        ({"width": 0.0}, "Expected width to be a float"),
+        ({"keep": 1.5}, "Expected keep to be a float from 0 to 1"),
+        ({"beside": -0.1}, "Expected beside to be a float from 0 to 1"),
         ({"models": ["forest"]}, r"1 to 2 items, each one of trees, process, .*got \['forest'\]"),
         ({"models": "trees"}, "each one of trees, process, such as .*; got 'trees'"),
         ({"models": []}, "Expected models to be a list of 1 to 2 items"),

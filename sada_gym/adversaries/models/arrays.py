@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 AnyFloats = npt.NDArray[np.floating[Any]]
+Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.intp]
