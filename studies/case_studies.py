@@ -20,6 +20,7 @@ from sada_gym.attack import attack
 from sada_gym.files import write_file
 from sada_gym.measures.rates import FoolingRate, lead_interval
 from sada_gym.transfer import Comparison, Rate, transfer
+from studies.without_hits import without_hits
 
 ID = "SADA-DetectionCoco-v0"
 SCENARIOS: Mapping[int, Mapping[str, str]] = {
@@ -62,6 +63,7 @@ def run(case: str, scenario: int, adversary: str, budget: int, samples: int, out
         env_kwargs={**SCENARIOS[scenario], "parameters": case},
         budget=0 if adversary == "random" else budget,
         samples=samples,
+        options=without_hits(adversary),
         out=folder,
         resume=True,
         pictures=False,

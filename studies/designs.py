@@ -58,6 +58,8 @@ from studies.lucky_landscapes import LuckyLandscape
 PLAIN: dict[str, Any] = {"starts": "centre", "dissimilarity": 0.0}
 NO_BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.0}
 BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.5}
+NO_HITS: dict[str, Any] = {"trial": 0.0}
+"""Most designs of `level-set` were compared before it tried hits."""
 WIDE: dict[str, Any] = {**PLAIN, "log_deviation": 0.0}
 
 DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
@@ -110,24 +112,24 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
     },
     "level-set": {
         "**default**": ("level-set", {}),
-        "mutual information": ("studies.acquisitions:MutualInformation", {}),
-        "straddle": ("studies.acquisitions:Straddle", {}),
-        "own samples, a quarter": ("studies.acquisitions:Own", {}),
-        "own samples, half": ("studies.acquisitions:OwnHalf", {}),
-        "own samples, last round": ("studies.acquisitions:OwnLast", {}),
-        "no hits": ("level-set", {"trial": 0.0}),
         "hits alone": ("level-set", {"beside": 1.0}),
-        "no active queries": ("level-set", {"rounds": 0}),
-        "a quarter uniform": ("level-set", {"uniform": 0.25}),
-        "eight rounds": ("level-set", {"rounds": 8}),
-        "no uniform share in a round": ("level-set", {"explore": 0.0}),
-        "trees alone": ("level-set", {"models": ["trees"]}),
-        "Gaussian process alone": ("level-set", {"models": ["process"]}),
-        "level 1/2": ("level-set", {"coverage": 1.0}),
-        "coverage 0.95": ("level-set", {"coverage": 0.95}),
-        "no least volume": ("level-set", {"volume": 0.0}),
-        "a quarter of the volume": ("level-set", {"volume": 0.25}),
-        "half of the volume": ("level-set", {"volume": 0.5}),
+        "no hits": ("level-set", NO_HITS),
+        "mutual information": ("studies.acquisitions:MutualInformation", NO_HITS),
+        "straddle": ("studies.acquisitions:Straddle", NO_HITS),
+        "own samples, a quarter": ("studies.acquisitions:Own", NO_HITS),
+        "own samples, half": ("studies.acquisitions:OwnHalf", NO_HITS),
+        "own samples, last round": ("studies.acquisitions:OwnLast", NO_HITS),
+        "no active queries": ("level-set", {**NO_HITS, "rounds": 0}),
+        "a quarter uniform": ("level-set", {**NO_HITS, "uniform": 0.25}),
+        "eight rounds": ("level-set", {**NO_HITS, "rounds": 8}),
+        "no uniform share in a round": ("level-set", {**NO_HITS, "explore": 0.0}),
+        "trees alone": ("level-set", {**NO_HITS, "models": ["trees"]}),
+        "Gaussian process alone": ("level-set", {**NO_HITS, "models": ["process"]}),
+        "level 1/2": ("level-set", {**NO_HITS, "coverage": 1.0}),
+        "coverage 0.95": ("level-set", {**NO_HITS, "coverage": 0.95}),
+        "no least volume": ("level-set", {**NO_HITS, "volume": 0.0}),
+        "a quarter of the volume": ("level-set", {**NO_HITS, "volume": 0.25}),
+        "half of the volume": ("level-set", {**NO_HITS, "volume": 0.5}),
         "extra-trees, rejection": ("trees", {}),
     },
 }

@@ -45,6 +45,7 @@ from sada_gym.envs.wrapped import (
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import check_known
 from sada_gym.testing.purity import assert_pure
+from studies.without_hits import without_hits
 
 BUDGET, SAMPLES = 40, 20
 PURE_WORLDS, TIMED_WORLDS, LEARNT_STEPS = 5, 12, 128
@@ -343,6 +344,7 @@ def cells(case: Case, out: Path) -> Iterator[str]:
             "level-set",
             budget=BUDGET,
             samples=SAMPLES,
+            options=without_hits("level-set"),
             out=out,
             pictures=False,
             progress=False,

@@ -9,6 +9,7 @@ import numpy as np
 
 from sada_gym.arrays import Bools, Floats
 from studies.planted_settings import THRESHOLD, PlantedApplication, Setting
+from studies.without_hits import without_hits
 
 ADVERSARIES = ("level-set", "random", "bbgan")
 LEARNING = ("level-set", "bbgan")
@@ -75,7 +76,8 @@ def attack_for_real(setting: Setting, adversary: str) -> Known:
     from sada_gym.oracle import Oracle
 
     application = PlantedApplication(setting)
-    solver = adversaries.make(adversary, dimension=len(setting.space), seed=setting.seed)
+    options = without_hits(adversary)
+    solver = adversaries.make(adversary, dimension=len(setting.space), seed=setting.seed, **options)
     with Oracle(application, budget=QUERIES, seed=setting.seed) as oracle:
         solver.train(oracle)
         record = oracle.record

@@ -49,6 +49,7 @@ from studies.training.common import Report
 from studies.training.driving.imitation import fit, gather
 from studies.training.driving.recipe import RECIPES
 from studies.training.imitation import Examples, dagger
+from studies.without_hits import without_hits
 
 ARMS: Mapping[str, Mapping[str, float]] = {
     "nominal": {"nominal": 1.0},
@@ -293,6 +294,7 @@ def _attacked(subject: Subject, agent: Any, adversary: str, seed: int, folder: P
         budget=subject.effort.budget,
         samples=subject.effort.samples,
         seed=seed,
+        options=without_hits(adversary),
         out=folder,
         resume=True,
         pictures=False,

@@ -18,6 +18,7 @@ from pathlib import Path
 from sada_gym.attack import attack
 from sada_gym.files import write_file
 from sada_gym.transfer import Comparison, confirm
+from studies.without_hits import without_hits
 
 TRACK = "SADA-DetectionCoco-{}-v0"
 ADVERSARIES = ("random", "bbgan", "level-set")
@@ -31,6 +32,7 @@ def confirmed(track: str, adversary: str, given: argparse.Namespace) -> Comparis
         adversary,
         budget=0 if adversary == "random" else given.budget,
         samples=given.samples,
+        options=without_hits(adversary),
         out=folder,
         resume=True,
         pictures=False,
