@@ -35,6 +35,7 @@ from studies.agents import FOLDER, checked
 from studies.means import mean_text
 from studies.parking_searches import Ask, Bools, Floats, TrainingLog, indago, nexus
 from studies.training.parking.world import HALF_X_M, HALF_Y_M, OTHERS, SLOTS, ParkingWorld, World
+from studies.without_hits import without_hits
 
 AGENT = FOLDER / "parking.zip"
 SHA256 = "f8da99002d464e0380f37b9e06ba2b159274047c836bef46f1f0323778ff93af"
@@ -132,7 +133,7 @@ class Play:
 
 def adversary(play: Play, seed: int, *, name: str) -> None:
     """Let one of this package's adversaries learn, and play its samples with what is left."""
-    found = adversaries.make(name, len(PARAMETERS), seed=seed)
+    found = adversaries.make(name, len(PARAMETERS), seed=seed, **without_hits(name))
     budget = play.remaining
     held = budget - int(LEARNT * budget)
     play.remaining -= held

@@ -31,6 +31,7 @@ from sada_gym.files import write_file
 from studies.agents import FOLDER, checked
 from studies.means import mean_text
 from studies.training.hopper import ENVIRONMENT
+from studies.without_hits import without_hits
 
 AGENT = FOLDER / "hopper.zip"
 SHA256 = "29f3bfe7f071a4c0883fdae71cd2cad4b3397db2347f4d9ddde47b916d103aa9"
@@ -112,7 +113,7 @@ def run(search: str, parameters: int, worlds: int, seed: int, agent: Any = None)
         if search == "grid":
             lowest(grid(parameters))
         else:
-            adversary = adversaries.make(search, parameters, seed=seed)
+            adversary = adversaries.make(search, parameters, seed=seed, **without_hits(search))
             adversary.train(lowest)
             if lowest.remaining:  # `random` asks nothing before it draws
                 lowest(adversary.sample(lowest.remaining))

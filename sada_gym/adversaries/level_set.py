@@ -1,4 +1,4 @@
-"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own)."""
+"""`level-set`: learn where the agent fails from all queries; sample there evenly (our own)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,11 @@ class LevelSet(FittedAdversary):
     Samples are uniform over {p >= level}, by rejection from the box, or by a Metropolis walk within
     the set where it is rare. The level is 1/2, raised as far as the predicted coverage (Naeem et
     al. 2020) allows, but never so high that the set has less than `volume` of the volume that is
-    predicted to fool. See `LevelSetOptions`.
+    predicted to fool.
+
+    Where luck decides, a mu close to a hit, a query that fooled, may fool more often than the level
+    set. A trial finds out (`hits_pay`). Where it does, rounds also check hits, and most samples lie
+    beside those that are likely to fool again. See `LevelSetOptions`.
     """
 
     name: ClassVar[str] = "level-set"
