@@ -44,7 +44,7 @@ class LevelSetOptions(Options):
         explore: The share of each round that is uniform.
         coverage: The share of the coverage that a higher level has to keep; 1.0 never raises it.
         volume: The least volume of the sampled set, as a share of the volume predicted to fool.
-        trial: The share of the budget that tries mu close to hits, and as much the level set; 0
+        trial: The share of the budget that tries mu close to hits; as much tries the level set. 0
             never samples beside hits.
         width: The standard deviation of a step from a hit, in each parameter.
         keep: The least chance to fool again of a hit that samples lie beside.
@@ -148,7 +148,7 @@ class LevelSet(FittedAdversary):
         return tried
 
     def _check_hits(self, queries: Evaluations, surrogate: Surrogate, count: int) -> Mu:
-        """Choose queries close to hits that may have been luck, and as many between hits."""
+        """Choose queries close to hits that may have been luck, and up to as many between hits."""
         if not self.hits_pay:
             return self._uniform(0)
         hits, half = self._hits(queries, surrogate), count // 2
@@ -156,7 +156,10 @@ class LevelSet(FittedAdversary):
         beside = self._step(hits.most_in_doubt(count - half))
         if len(likely) <= MIN_NEAR:
             return beside
-        middle = draw_permitted(lambda n: _mu(between(likely, n, self.rng)), half, self._permits)
+        middle = _mu(between(likely, half, self.rng))
+        if self._permits is not None:  # a way from hit to hit may leave the feasible region
+            allowed = self._permits(middle)
+            middle = middle if allowed is None else middle[allowed]
         return np.concatenate([beside, middle])
 
     def _hits(self, queries: Evaluations, surrogate: Surrogate) -> Hits:
@@ -241,7 +244,7 @@ class LevelSet(FittedAdversary):
         return {"hits_pay": np.array([self.hits_pay], np.uint8)}
 
     def _restore(self, arrays: Arrays) -> None:
-        # before version ... there were no hits
+        # an adversary saved before hits were tried has no such array, and samples the level set
         self.hits_pay = "hits_pay" in arrays and bool(validate_array(arrays, "hits_pay", 1)[0])
         super()._restore(arrays)
 

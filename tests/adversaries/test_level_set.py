@@ -217,6 +217,21 @@ def test_all_its_queries_are_feasible_where_hits_pay():
     assert (adversary.sample(300)[:, 0] > 0.2).all()
 
 
+def test_where_no_way_from_hit_to_hit_is_permitted_the_attack_goes_on():
+    class Ring(FunctionOracle):
+        def permits(self, mu):
+            return np.abs(np.linalg.norm(mu, axis=1) - 0.8) < 0.01
+
+    luck = np.random.default_rng(3)
+    adversary = LevelSet(2, seed=0, models=["process"])
+    oracle = Ring(lambda mu: luck.random(len(mu)) * 0.75, 200, THRESHOLD)  # 40 % fool by luck
+    adversary.train(oracle)
+    assert adversary.hits_pay
+    assert len(adversary.queries) == 200
+    assert oracle.permits(adversary.queries.mu).all()
+    assert oracle.permits(adversary.sample(50)).all()
+
+
 class Trial:
     """An oracle of which mu close to hits fool at one rate, and those of the level set at another.
 

@@ -9,6 +9,7 @@ from sada_gym.adversaries.models.arrays import Bools, Floats, Indices
 
 _MAX_CHECKS = 2
 MIN_NEAR = 3
+"""How many of the nearest hits a query between two hits may go to."""
 _BETWEEN = (0.3, 0.7)
 """Where a query between two hits goes, from one to the other."""
 
@@ -34,9 +35,11 @@ class Hits:
     def __init__(self, mu: Floats, fooled: Bools, predicted: Floats, radius: float) -> None:
         checked = np.zeros(len(mu), bool)
         hits, queries, fooling = [], [], []
-        rows = np.flatnonzero(fooled)
-        for row, close in zip(rows, KDTree(mu).query_ball_point(mu[rows], radius), strict=True):
+        tree = KDTree(mu)
+        for row in np.flatnonzero(fooled):
             if not checked[row]:
+                # one by one: where the radius is large, all lists at once would not fit memory
+                close = tree.query_ball_point(mu[row], radius)
                 checked[close] = True
                 hits.append(row)
                 queries.append(len(close))
@@ -48,7 +51,8 @@ class Hits:
     def most_in_doubt(self, count: int) -> Floats:
         """Choose the hits to check, at most twice as many as there are: (m, d).
 
-        Each check goes where chance (1 - chance) is highest, for so many queries close by.
+        Each check goes where chance (1 - chance) / (1 + queries close by) is highest, and then
+        counts as a query close by.
         """
         doubt, queries = self.chance * (1.0 - self.chance), self._queries.astype(np.float64)
         chosen = []
@@ -63,9 +67,9 @@ class Hits:
 
 
 def between(hits: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Go from hits, (h, d), each about as often as any other, to one of those nearest to them.
+    """Choose points between a hit of (h, d) and one of those nearest to it: (count, d).
 
-    There have to be more than `MIN_NEAR` hits. The result is (count, d).
+    Each hit has about as many as any other. There have to be more than `MIN_NEAR` hits.
     """
     nearest = KDTree(hits).query(hits, k=1 + MIN_NEAR)[1][:, 1:]
     rows = np.resize(rng.permutation(len(hits)), count)
@@ -76,6 +80,6 @@ def between(hits: Floats, count: int, rng: np.random.Generator) -> Floats:
 
 
 def in_turn(count: int, hits: int, rng: np.random.Generator) -> Indices:
-    """Choose hits, each about as often as any other, in a new order each time round: (count,)."""
+    """Choose of so many hits, each about as often, in a new order each time round: (count,)."""
     turns = max(1, -(-count // hits))
     return np.concatenate([rng.permutation(hits) for _ in range(turns)])[:count]

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,16 @@ def test_hits_whose_checks_fail_are_not_kept():
     fooled = np.concatenate([np.ones(20, bool), np.repeat(lasting, 2)])
     hits = Hits(mu, fooled, np.full(60, 0.3), radius=1e-3)
     assert (hits.kept(0.45) == centres[:10]).all()
+
+
+def test_a_large_radius_needs_little_memory():
+    mu = np.random.default_rng(0).uniform(-1.0, 1.0, (3_000, 2))
+    tracemalloc.start()
+    hits = Hits(mu, np.ones(3_000, bool), np.ones(3_000), radius=3.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(hits.mu) == 1
+    assert peak < 10 * 2**20  # all pairs would take 70 MiB at least
 
 
 def test_where_nothing_fooled_there_are_no_hits():
