@@ -32,6 +32,7 @@ _LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
 _SAMPLES, _DRAWS = 250, 10
 _MAX_TRIAL, _PREDICTION, _SURE, _BEHIND = 200, 50, 0.9, 0.1
 _CHECKS = 0.4
+_MIN_KEPT = 20
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,13 @@ class LevelSet(FittedAdversary):
     predicted to fool.
 
     Where luck decides, a mu close to a hit, a query that fooled, may fool more often than the level
-    set. A trial finds out (`hits_pay`). Where it does, rounds also check hits, and most samples lie
-    beside those that are likely to fool again. See `LevelSetOptions`.
+    set. A trial finds out, as soon as 20 queries fool. Where such mu fool nearly as often or more,
+    rounds also check hits and go between them, and most samples lie beside those that are likely to
+    fool again, if there are 20. See `LevelSetOptions`.
+
+    Attributes:
+        level: The least p of a sample of the level set.
+        hits_pay: Whether the trial found that mu close to hits fool nearly as often or more.
     """
 
     name: ClassVar[str] = "level-set"
@@ -211,7 +217,10 @@ class LevelSet(FittedAdversary):
         self._starts = pool[inside][:_MIN_SET]
         self._centres = np.zeros((0, self.dimension))
         if self.hits_pay:
-            self._centres = self._hits(queries, self._surrogate).kept(self.options.keep)
+            kept = self._hits(queries, self._surrogate).kept(self.options.keep)
+            # checks that leave a handful of hits refute them: samples would crowd beside luck
+            if len(kept) >= _MIN_KEPT:
+                self._centres = kept
 
     def _raise_level(self, pool: Mu, p: Floats, rows: Indices, highest: float) -> None:
         real, others = pool[rows[:_MIN_SET]], rows[_MIN_SET:]

@@ -232,6 +232,17 @@ def test_where_no_way_from_hit_to_hit_is_permitted_the_attack_goes_on():
     assert oracle.permits(adversary.sample(50)).all()
 
 
+def test_samples_do_not_crowd_beside_the_few_hits_that_checks_leave_where_all_is_luck():
+    luck = np.random.default_rng(0)
+    adversary, _ = trained(
+        lambda mu: luck.random(len(mu)) * 6.0, dimension=5, budget=1_000, models=["process"]
+    )  # 5 % fool, wherever they are
+    assert adversary.hits_pay  # close to hits as seldom as elsewhere
+    samples = adversary.sample(500)
+    distances = np.linalg.norm(samples[:, None] - samples[None], axis=2)
+    assert (distances < 0.25).mean(axis=1).max() < 0.1
+
+
 class Trial:
     """An oracle of which mu close to hits fool at one rate, and those of the level set at another.
 
