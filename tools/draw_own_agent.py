@@ -65,6 +65,7 @@ def run(
         budget=BUDGET,
         samples=samples,
         seed=SEED,
+        options={"trial": 0.0} if adversary == "level-set" else {},
         out=RUNS / f"{title}-{adversary}",
         resume=True,
     )
