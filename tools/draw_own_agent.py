@@ -25,6 +25,7 @@ from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import INK, Frame
 from sada_gym.plots.style import axis_label, new_figure, png, tidy
+from studies.without_hits import without_hits
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "examples"))
@@ -65,7 +66,7 @@ def run(
         budget=BUDGET,
         samples=samples,
         seed=SEED,
-        options={"trial": 0.0} if adversary == "level-set" else {},
+        options=without_hits(adversary),
         out=RUNS / f"{title}-{adversary}",
         resume=True,
     )

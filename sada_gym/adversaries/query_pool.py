@@ -40,6 +40,12 @@ def evaluate(mu: Mu, oracle: Query) -> Evaluations:
     return Evaluations.unseeded(mu, score)
 
 
+def permitted(mu: Mu, permits: Callable[[Mu], Bools | None] | None) -> Mu:
+    """Return those of mu, (n, d), that lie in the region that `permits` allows."""
+    allowed = None if permits is None else permits(mu)
+    return mu if allowed is None else mu[allowed]
+
+
 _DRAWN_EACH = 4_000
 """Points drawn for each that a feasible region must hold: 1 in 1,000 is the least that works."""
 
@@ -62,9 +68,7 @@ def draw_permitted(
                 f"Expected {n:,} mu in the region that feasible= allows, got {count:,} of "
                 f"{drawn:,} drawn. Shrink the ranges to that region."
             )
-        mu = draw(n)
-        allowed = permits(mu)
-        kept.append(mu if allowed is None else mu[allowed])
+        kept.append(permitted(draw(n), permits))
         count, drawn = count + len(kept[-1]), drawn + n
     return np.concatenate(kept)[:n]
 

@@ -250,7 +250,6 @@ class Trial:
     """
 
     threshold = 0.5
-    raised = False
 
     def __init__(self, of_hits, of_set, predicted):
         self._rates, self._predicted = (of_hits, of_set), predicted
