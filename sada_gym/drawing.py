@@ -1,15 +1,20 @@
-"""What frames are drawn with: fonts, text, dashed lines, the marks of a legend, panels."""
+"""What pictures are drawn with: matplotlib's style, fonts, text, lines, marks, panels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from sada_gym.environment_variables import environment_variables
 from sada_gym.frames import INK, Colour, Frame, LegendEntry, rgb
 
 Point = tuple[float, float]
@@ -18,13 +23,37 @@ INK_RGB = rgb(INK)
 _CASING = (64, 72, 80)  # a dark edge, so that a white line shows on white
 
 
+def _matplotlib() -> Any:
+    """Import matplotlib, even where MPLBACKEND names a backend that is not installed."""
+    backend = "" if "matplotlib" in sys.modules else os.environ.get("MPLBACKEND", "")
+    with environment_variables({"MPLBACKEND": ""} if backend else {}):
+        import matplotlib as mpl  # it takes a while; loaded when something is drawn
+    if backend:
+        with suppress(ValueError):  # it is left to whoever wants to use that backend
+            mpl.rcParams["backend"] = backend
+    return mpl
+
+
+@contextmanager
+def own_style() -> Iterator[None]:
+    """Draw figures in matplotlib's own style, whatever a user's settings and styles say.
+
+    It decorates all that makes or writes a figure, for settings count at both times. Afterwards the
+    user's are as before. Figures are made without pyplot, so that no backend of a user's is used.
+    """
+    _matplotlib()
+    from matplotlib import style
+
+    with style.context("default"):
+        yield
+
+
 @lru_cache(maxsize=32)
 def font(size: float, *, bold: bool = False) -> ImageFont.FreeTypeFont:
     """Return a font of a size in pixels that has Greek, Cyrillic and mathematical signs."""
-    import matplotlib as mpl  # it brings the font; loaded when something is drawn
-
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", name)), size)
+    fonts = Path(_matplotlib().get_data_path(), "fonts", "ttf")  # it brings them
+    return ImageFont.truetype(str(fonts / name), size)
 
 
 def wrapped(text: str, face: ImageFont.FreeTypeFont, width: float) -> list[str]:

@@ -25,6 +25,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from sada_gym import adversaries
+from sada_gym.drawing import own_style
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.frames import INK, MUTED
 from sada_gym.measures.coverage import fooling_coverage
@@ -169,6 +170,7 @@ def draw_legend(figure: Figure, panels: tuple[Panel, ...]) -> None:
     )
 
 
+@own_style()
 def draw(name: str) -> None:
     """Draw one picture into docs/images."""
     volume, columns, panels = PICTURES[name]

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
 from sada_gym import adversaries
+from sada_gym.drawing import own_style
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.evaluations import fools
 from sada_gym.frames import INK, MUTED
@@ -78,6 +79,7 @@ def mark_worlds(axes: Axes, space: ParameterSpace) -> None:
         axes.text(x, y, letter, ha="center", va="center", fontsize=9, color=INK, bbox=style)
 
 
+@own_style()
 def main() -> None:
     """Draw the landscape and train the adversaries that are named."""
     parser = argparse.ArgumentParser(description=__doc__)

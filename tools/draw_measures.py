@@ -17,6 +17,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from sada_gym.drawing import own_style
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.frames import INK, MUTED
 from sada_gym.measures.coverage import fooling_coverage, relative_coverage
@@ -90,6 +91,7 @@ def draw(axes: Axes, boxes: AnalyticApplication, mu: Points, queries: Points) ->
         spine.set_color("#c9d1d9")
 
 
+@own_style()
 def draw_all(out: Path) -> None:
     """Draw and measure the six sets."""
     rng = np.random.default_rng(SEED)

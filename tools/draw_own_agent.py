@@ -21,6 +21,7 @@ from stable_baselines3 import PPO
 
 from sada_gym import GymnasiumApplication
 from sada_gym.attack import AttackResult, attack
+from sada_gym.drawing import own_style
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import INK, Frame
@@ -129,6 +130,7 @@ def draw_world(axes: Axes, frame: Frame, caption: str) -> None:
     axes.axis("off")
 
 
+@own_style()
 def picture(application: GymnasiumApplication, worlds: Evaluations) -> Figure:
     """The map, and beside it a landing and a failure in the strongest wind."""
     figure = new_figure(9, 4.2)

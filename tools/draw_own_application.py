@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from sada_gym import adversaries
+from sada_gym.drawing import own_style
 from sada_gym.frames import INK
 from sada_gym.oracle import Oracle
 from sada_gym.plots.style import new_figure, png, tidy
@@ -26,6 +27,7 @@ GRID, BUDGET, SEED, DOTS, OUTLINE = 121, 1_000, 0, "#7a1f0b", "#c2410c"
 COLOURS = LinearSegmentedColormap.from_list("q", ["#f0a988", "#f6ead9", "#d5e3ee", "#7fa8c9"])
 
 
+@own_style()
 def main() -> None:
     """Draw the map, train the adversary, and draw its samples."""
     application = runpy.run_path(str(EXAMPLE))["Braking"]()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sada_gym.drawing import own_style
 from sada_gym.frames import GRID, INK, MUTED
 from sada_gym.plots.style import FOOLED, new_figure, png, tidy
 from sada_gym.results.entry import EntryResult, read_entries
@@ -29,6 +30,7 @@ def rates(result: EntryResult) -> tuple[float, float] | None:
     return 100 * float(verified), 100 * float(said)
 
 
+@own_style()
 def main() -> None:
     """Read the entries and draw their results."""
     results = [result for entry in read_entries(ENTRIES) for result in entry.results.values()]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sada_gym.drawing import own_style
 from sada_gym.errors import MissingExtra
 from sada_gym.files import file_errors
 from sada_gym.parameters import Mu
@@ -35,6 +36,7 @@ class TrainingLog:
         for name, value in values.items():
             self._writer.add_scalar(self._prefix + name, value, step)
 
+    @own_style()
     def samples(self, step: int, mu: Mu) -> None:
         """Write mu, (n, d), as a histogram a dimension and a scatter plot of the first two."""
         from matplotlib.figure import Figure

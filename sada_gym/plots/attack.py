@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.drawing import own_style
 from sada_gym.errors import Notice
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
@@ -94,6 +95,7 @@ def draw_attack(
     return tuple(folder / name for name in names)
 
 
+@own_style()
 def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
     """Draw how the samples spread over each parameter's range, against uniform.
 
@@ -160,6 +162,7 @@ def _least_uniform(mu: npt.NDArray[np.float32]) -> list[int]:
     return sorted(np.argsort(-distance, kind="stable")[:MAX_PARAMETERS].tolist())
 
 
+@own_style()
 def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float) -> Figure:
     """Draw the scores of the adversary's samples and of the training queries, if any."""
     figure = new_figure(6.4, 3.8)
@@ -202,6 +205,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
     return figure
 
 
+@own_style()
 def scatter(
     space: ParameterSpace, samples: Evaluations, queries: Evaluations, threshold: float
 ) -> Figure:
@@ -234,6 +238,7 @@ def scatter(
     return figure
 
 
+@own_style()
 def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) -> Figure:
     """Lay frames of one shape out in rows, each with a caption, under a title."""
     columns = max(3, min(_COLUMNS, len(frames)))  # room for the title

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym.arrays import Floats
+from sada_gym.drawing import own_style
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import INK, MUTED
 from sada_gym.measures.sensitivity import FailureModel, Influence
@@ -21,6 +22,7 @@ MAX_CURVES = 7
 """Parameters whose curves are drawn, those that matter most."""
 
 
+@own_style()
 def influence(
     space: ParameterSpace, model: FailureModel, samples: Evaluations, threshold: float
 ) -> Figure:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym.arrays import Bools, Floats
+from sada_gym.drawing import own_style
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import GRID, INK, MUTED
 from sada_gym.parameters import Parameter, ParameterSpace
@@ -35,6 +36,7 @@ def spheres_of(space: ParameterSpace) -> list[tuple[int, int]]:
     ]
 
 
+@own_style()
 def sphere(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
     """Draw the samples on each of `spheres_of`, seen from above; equal areas stay equal."""
     spheres = spheres_of(space)

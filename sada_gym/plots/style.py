@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sada_gym.arrays import Floats
+from sada_gym.drawing import own_style
 from sada_gym.frames import GRID, INK, MUTED, SKY, VERMILLION
 from sada_gym.parameters import Parameter, number
 
@@ -30,6 +31,7 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
+@own_style()
 def png(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG file."""
     buffer = io.BytesIO()

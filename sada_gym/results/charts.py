@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.drawing import own_style
 from sada_gym.frames import INK, MUTED
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import ACCENT, axis_label, new_figure, places, span, tidy
@@ -45,6 +46,7 @@ class Curve:
     coverage: npt.NDArray[np.float64] | None
 
 
+@own_style()
 def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     """Draw what the queries found, and how much of the fooling set that covers.
 
@@ -97,6 +99,7 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     return figure
 
 
+@own_style()
 def marginal_strips(
     space: ParameterSpace, samples: Mapping[str, Mu], fooling_set: Mu | None, title: str
 ) -> Figure:
@@ -163,6 +166,7 @@ NOVELTY_PANELS = {
 """What `novelty_ratios` draws, by the name of the measure."""
 
 
+@own_style()
 def novelty_ratios(adversaries: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> Figure:
     """Draw each adversary's novelty over that of ideal samples: a dot a run, a bar the mean.
 

@@ -1,5 +1,8 @@
+import os
+import subprocess
 import sys
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
@@ -18,6 +21,14 @@ from sada_gym.plots.attack import (
     score_histogram,
 )
 from sada_gym.plots.sphere import sphere, spheres_of
+from sada_gym.plots.style import png
+from sada_gym.results.charts import (
+    NOVELTY_PANELS,
+    Curve,
+    anytime_curves,
+    marginal_strips,
+    novelty_ratios,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -52,6 +63,72 @@ def test_samples_lie_on_the_sphere_around_the_object():
     passed, fooled = (one.get_offsets() for one in axes.collections)
     np.testing.assert_allclose(fooled, [[0.0, 0.0]], atol=1e-6)  # the zenith is in the middle
     np.testing.assert_allclose(passed, [[np.pi / 2, axes.get_rmax()]], rtol=1e-6)
+
+
+ODD_STYLE = {
+    "text.usetex": True,
+    "font.family": "a font that is not there",
+    "savefig.dpi": 7,
+    "savefig.bbox": "tight",
+    "axes.formatter.use_locale": True,
+    "axes.facecolor": "black",
+    "text.color": "white",
+    "lines.linewidth": 9,
+}
+
+
+def every_figure(folder):
+    """All kinds of figures as the bytes of their files, by name."""
+    frames = [np.full((24, 32, 3), shade, np.uint8) for shade in (0, 128)]
+    space = ParameterSpace(Parameter("x", 0.0, 1.0), Parameter("y_m", -1.0, 1.0, "m"))
+    curve = Curve(("random",), np.array([10.0, 90.0]), np.array([1.0, 5.0]), None)
+    folder.mkdir()
+    draw_attack(Toy(2), drawn(30, 2), drawn(90, 2), folder)
+    return {path.name: path.read_bytes() for path in folder.iterdir()} | {
+        "contact": png(contact_sheet(frames, ["a", "b"], "title")),
+        "curves": png(anytime_curves([curve], "title")),
+        "strips": png(marginal_strips(space, {"random": drawn(30, 2).mu}, None, "title")),
+        "ratios": png(novelty_ratios({"random": {k: [0.5] for k in NOVELTY_PANELS}}, "title")),
+    }
+
+
+def test_a_users_style_changes_no_figure_of_ours(tmp_path):
+    plain = every_figure(tmp_path / "plain")
+    with mpl.rc_context(ODD_STYLE):
+        odd = every_figure(tmp_path / "odd")
+        assert {key: mpl.rcParams[key] for key in ("text.usetex", "savefig.dpi")} == {
+            "text.usetex": True,
+            "savefig.dpi": 7,
+        }
+    assert [name for name in plain if odd[name] != plain[name]] == []
+
+
+@pytest.mark.parametrize(
+    ("named", "left"),
+    [
+        ("pdf", "pdf"),
+        ("module://matplotlib.backends.backend_svg", "module://matplotlib.backends.backend_svg"),
+        ("module://matplotlib_inline.backend_inline", "None"),
+        ("not-installed", "None"),
+    ],
+)
+def test_a_users_backend_is_left_alone(named, left):
+    program = (
+        "import os, sys\n"
+        "from sada_gym.drawing import own_style\n"
+        "from sada_gym.plots.style import new_figure, png\n"
+        "with own_style():\n"
+        "    figure = new_figure(2, 2)\n"
+        "    figure.subplots()\n"
+        "assert png(figure).startswith(b'\\x89PNG')\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "import matplotlib as mpl\n"
+        "print(os.environ['MPLBACKEND'], mpl.get_backend(auto_select=False))\n"
+    )
+    environment = {**os.environ, "MPLBACKEND": named}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.stdout.split(), done.stderr) == ([named, left], "")
 
 
 def test_the_same_data_give_the_same_bytes(tmp_path):
