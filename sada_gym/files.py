@@ -198,10 +198,10 @@ def read_model(path: Path, kind: type[Model]) -> Model:
     ) from cause
 
 
-def first_error(error: ValidationError) -> str:
-    """Say in a few words what a model's content lacks, and where."""
+def first_error(error: ValidationError, whole: str = "the file") -> str:
+    """Say in a few words what the content of a model, such as `whole`, lacks, and where."""
     first = error.errors()[0]
-    where = ".".join(map(str, first["loc"])) or "the file"
+    where = ".".join(map(str, first["loc"])) or whole
     return shown(f"{where}: {first['msg']}")
 
 

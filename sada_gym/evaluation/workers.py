@@ -21,7 +21,7 @@ from typing import Any
 
 from sada_gym.application import Application
 from sada_gym.environment_variables import environment_variables
-from sada_gym.errors import UserTypeError, WorkerError
+from sada_gym.errors import UserError, UserTypeError, WorkerError
 from sada_gym.evaluation import watch
 from sada_gym.evaluation.problems import Answer, Registered, Scorer, score
 from sada_gym.evaluation.spawn import spawn_context
@@ -91,6 +91,8 @@ class PortableScorer:
             payload = _payloads[self.key] if self.payload is None else self.payload
             source: Registered | Scorer = pickle.loads(payload)
             return source.build() if isinstance(source, Registered) else source
+        except UserError:  # it says itself what is wrong, such as an agent that is gone
+            raise
         except Exception as error:
             raise WorkerError(
                 f"A worker process could not load the problem ({type(error).__name__}: {error}). "

@@ -6,25 +6,30 @@ import hashlib
 import json
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from sada_gym.agents.contract import Indices, Interface
 from sada_gym.agents.remote.messages import (
+    ANSWERS,
+    MAX_ARRAY_BYTES,
     PROTOCOL,
-    Array,
-    Message,
+    Act,
+    Actions,
+    Failed,
+    Hello,
     Nonsense,
+    Welcome,
     array_name,
-    space_to_json,
 )
 from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
+from sada_gym.agents.remote.spaces import Array, describe
 from sada_gym.agents.tile import Batch, fits_batches, keyed
 from sada_gym.errors import AgentLost, UserError
+from sada_gym.files import shown
 
-USUAL_ROWS = 16
-"""The observations in a message to a server that does not say how many it takes."""
+Answer = TypeVar("Answer", Welcome, Actions)
 
 
 class RemoteAgent:
@@ -37,7 +42,7 @@ class RemoteAgent:
         place: Where the process is. Each of our processes has a connection of its own, or starts
             the program itself.
         interface: What the agent sees and does.
-        timeout_s: How long to wait for the program's start, and for an answer.
+        timeout_s: How long to wait for the program's start, and for each whole answer.
         deterministic: Whether it takes its best action; otherwise it gets seeds to draw by.
 
     Raises:
@@ -61,24 +66,25 @@ class RemoteAgent:
         self.place, self._interface = place, interface
         self._timeout_s, self._deterministic = timeout_s, deterministic
         self._link: Link | None = None
-        self._count, self._first = 0, False
+        self._count, self._first, self._number = 0, False, 0
         try:
-            self._hello = self._connect()
+            self._welcome = self._connect()
         except AgentLost as error:
             raise UserError(str(error)) from error
-        self._rows = int(self._hello["rows"])
+        self._rows = self._welcome.rows
         if self._rows > 1 and not self._same_in_every_place():
             self._rows = 1
 
     @property
     def name(self) -> str:
         """What the server calls the agent, else what its place is called."""
-        return self._hello["name"] or self.place.name
+        return self._welcome.name or self.place.name
 
     @property
     def fingerprint(self) -> str | None:
         """SHA-256 over what the server says of the agent's identity, None where it says nothing."""
-        told = {key: self._hello[key] for key in ("name", "fingerprint") if self._hello[key]}
+        told = self._welcome.model_dump(include={"name", "fingerprint"})
+        told = {key: value for key, value in told.items() if value}
         if not told:
             return None
         return hashlib.sha256(json.dumps({"remote": told}, sort_keys=True).encode()).hexdigest()
@@ -98,7 +104,7 @@ class RemoteAgent:
         the agent itself raised an error.
         """
         arrays = {array_name(key): value for key, value in episodes.observe(which).items()}
-        if self._hello["action_masks"]:
+        if self._welcome.action_masks:
             arrays["action_masks"] = episodes.action_masks(which)
         if not self._deterministic:
             arrays["seeds"] = episodes.agent_seeds(which)
@@ -114,47 +120,48 @@ class RemoteAgent:
             link.close()
 
     def _asked(self, arrays: Batch, which: Indices) -> Array:
-        rows, answers = self._rows or len(which), []
+        arrays = {**arrays, "episodes": which.astype(np.int64)}
+        rows, answers = self._rows, []
+        if not rows:
+            row_bytes = sum(value.nbytes for value in arrays.values()) // len(which)
+            rows = min(len(which), MAX_ARRAY_BYTES // row_bytes)
         if rows == len(which):
-            return self._asked_at_once(arrays, which.tolist())
+            return self._asked_at_once(arrays)
         for first in range(0, len(which), rows):
-            chosen = slice(first, first + rows)
-            real = len(which[chosen])
-            part = {key: _filled(value[chosen], rows) for key, value in arrays.items()}
-            episodes = which[chosen].tolist() + [-1] * (rows - real)
-            answers.append(self._asked_at_once(part, episodes)[:real])
+            part = {key: value[first : first + rows] for key, value in arrays.items()}
+            real = len(part["episodes"])
+            if self._rows:
+                part = {key: _filled(value, rows) for key, value in part.items()}
+                part["episodes"][real:] = -1
+            answers.append(self._asked_at_once(part)[:real])
         return np.concatenate(answers) if len(answers) > 1 else answers[0]
 
-    def _asked_at_once(self, arrays: Batch, episodes: list[int]) -> Array:
-        header = {
-            "type": "act",
-            "start": self._first,
-            "count": self._count,
-            "episodes": episodes,
-        }
-        actions = self._actions(self._exchange(header, arrays), len(episodes))
-        self._first = False
-        return actions
-
-    def _actions(self, message: Message, rows: int) -> Array:
-        shape = (rows, *(self._interface.action_space.shape or ()))
-        actions = message[1].get("actions")
+    def _asked_at_once(self, arrays: Batch) -> Array:
+        header = Act(number=self._number + 1, start=self._first, count=self._count)
+        actions = self._exchange(header, arrays, Actions)[1].get("actions")
+        shape = (len(arrays["episodes"]), *(self._interface.action_space.shape or ()))
         if actions is None or actions.shape != shape:
             got = "none" if actions is None else f"shape {actions.shape}"
             self._lose(f"the array actions: shape {shape} was expected, {got} came")
+        self._first = False
         return actions
 
-    def _exchange(self, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Message:
+    def _exchange(
+        self, header: Hello | Act, arrays: Mapping[str, Array], expected: type[Answer]
+    ) -> tuple[Answer, dict[str, Array]]:
         """Send a message and return the answer to it."""
         try:
             if self._link is None:
                 if not self._first:
                     self._lose("a new connection in the middle of an episode")
-                if self._connect() != self._hello:
+                if self._connect() != self._welcome:
                     self._lose(f"another agent than at first, which was {self.name}")
+                header = header.model_copy(update={"number": self._number + 1})
             assert self._link is not None
-            self._link.channel.send(header, arrays)
-            answer = self._link.channel.receive()
+            self._number = header.number
+            until = self._link.channel.deadline()
+            self._link.channel.send(header, arrays, until)
+            answer = self._link.channel.receive(ANSWERS, until)
         except TimeoutError:
             self._lose(f"no answer within {self._timeout_s:g} s")
         except (OSError, Nonsense) as error:
@@ -163,46 +170,35 @@ class RemoteAgent:
             self.close()  # the answer may still come, and would be taken for the next one
             raise
         if answer is None:
-            self._lose("the end of the connection: the process died, or closed it")
-        if answer[0].get("type") == "error":
+            other = f", or speaks another protocol than {PROTOCOL}" if expected is Welcome else ""
+            self._lose(f"the end of the connection: the process died, or closed it{other}")
+        if isinstance(answer[0], Failed):
             self.close()
-            raise UserError(
-                f"Expected actions from {self.place}, got an error: {answer[0].get('message')}"
-            )
-        return answer
+            told = shown(" ".join(answer[0].message.split()))
+            raise UserError(f"Expected actions from {self.place}, got an error: {told}")
+        if not isinstance(answer[0], expected) or answer[0].number != header.number:
+            self._lose(f"an answer to another question: {shown(repr(answer[0]))}")
+        return answer[0], answer[1]
 
-    def _connect(self) -> dict[str, Any]:
+    def _connect(self) -> Welcome:
         """Open a connection, say hello, and return what the server says of its agent."""
+        interface, arrays = self._interface, dict[str, Array]()
+        hello = Hello(
+            number=self._number + 1,
+            protocol=PROTOCOL,
+            environment=shown(interface.task_id),
+            observation_space=describe(interface.observation_space, "observation_space", arrays),
+            action_space=describe(interface.action_space, "action_space", arrays),
+            wrapped_by=tuple(kind.__name__ for kind in interface.wrapped_by),
+            action_masks=interface.has_masks,
+            deterministic=self._deterministic,
+        )
         try:
             self._link = self.place.open(self._timeout_s)
         except Unreachable as error:
             raise AgentLost(f"Expected an agent in {self.place}, but {error}.") from error
-        interface = self._interface
-        hello = {
-            "type": "hello",
-            "protocol": PROTOCOL,
-            "environment": interface.task_id,
-            "observation_space": space_to_json(interface.observation_space),
-            "action_space": space_to_json(interface.action_space),
-            "wrapped_by": [kind.__name__ for kind in interface.wrapped_by],
-            "action_masks": interface.has_masks,
-            "deterministic": self._deterministic,
-        }
-        told, _ = self._exchange(hello, {})
-        if told.get("type") != "hello" or told.get("protocol") != PROTOCOL:
-            self._lose(f"the answer {str(told)[:100]} to a hello of protocol {PROTOCOL}")
-        rows = told.get("rows", USUAL_ROWS)
-        names = [told.get(key) for key in ("name", "fingerprint")]
-        if type(rows) is not int or not 0 <= rows <= 2**16:
-            self._lose(f"rows={rows!r}, where a whole number was expected")
-        if not all(name is None or isinstance(name, str) for name in names):
-            self._lose(f"name and fingerprint {names!r}, where texts were expected")
-        return {
-            "name": names[0],
-            "fingerprint": names[1],
-            "rows": rows,
-            "action_masks": told.get("action_masks") is True,
-        }
+        welcome, _ = self._exchange(hello, arrays, Welcome)
+        return welcome.model_copy(update={"number": 0})
 
     def _lose(self, got: str) -> NoReturn:
         """Close the connection, and raise `AgentLost`."""
@@ -221,7 +217,7 @@ class RemoteAgent:
         tile = {
             array_name(key): np.stack([observation[key] for observation in drawn]) for key in parts
         }
-        if self._hello["action_masks"]:
+        if self._welcome.action_masks:
             from sada_gym.agents.model_call import mask_size
 
             size = mask_size(self._interface.action_space)

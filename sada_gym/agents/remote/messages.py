@@ -1,40 +1,45 @@
-"""The messages between an attack and an agent's process: a header in JSON, then raw arrays.
+"""The messages between an attack and an agent's process: arrays in safetensors' format.
 
-A message is the length of its header, four bytes, most significant first; the header, an object in
-JSON; and the bytes of the arrays that the header's `arrays` lists by name, dtype and shape, one
-behind the other, each in C order. Nothing is ever unpickled.
+A message is its length, four bytes, most significant first, and so many bytes in safetensors'
+format. `multiprocessing.connection` writes and reads bytes in the same way; it is not used here,
+for it cannot stop to wait. The array `message` holds an object in JSON. Nothing is ever unpickled.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
-import re
 import select
 import socket
 import struct
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Annotated, Final, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
-from gymnasium import spaces
+from pydantic import Field, TypeAdapter, ValidationError
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
+from sada_gym.agents.remote.spaces import DTYPES, Array, Described, Name
 from sada_gym.agents.tile import ALONE
+from sada_gym.errors import UserError
+from sada_gym.files import Strict, first_error, shown
 
-PROTOCOL = 1
+PROTOCOL: Final = 2
 CONNECT = "SADA_GYM_CONNECT"
 """The environment variable that tells a started program where to connect: host:port."""
 
 CONNECT_UNIX = "SADA_GYM_CONNECT_UNIX"
 """The path of a Unix socket, a faster way to the same place, on systems that have them."""
 
-MAX_HEADER_BYTES = 64 * 2**20
-MAX_ARRAY_BYTES = 2**31
+MAX_ARRAY_BYTES = 2**29
+"""The limit of the arrays of a message."""
+
+MAX_HEADER_BYTES = 2**20
+"""The limit of what describes these arrays, and of the object in JSON."""
+
+MAX_ROWS = 2**16
 OBSERVATION = "observation"
 """The array of observations that are no dictionaries; a part of others is `observation.KEY`."""
 
@@ -45,102 +50,145 @@ _AWAY_S = 50e-6
 _ASLEEP = 16
 """How many messages are waited for asleep after that."""
 
+_CHUNK_BYTES = 2**20
 _LENGTH = struct.Struct(">I")
-_DTYPE = re.compile(r"[<>|]?[biuf][1248]")
-Array = npt.NDArray[Any]
-Message = tuple[dict[str, Any], dict[str, Array]]
 
 
 class Nonsense(Exception):  # noqa: N818 - reads as what came
     """Something that is no message of the protocol."""
 
 
-@dataclass(frozen=True)
-class _Listed:
-    """What a header says of one array."""
+class Unexpected(Nonsense):
+    """A whole message whose object in JSON is none that is expected."""
 
-    name: str
-    dtype: np.dtype[Any]
-    shape: tuple[int, ...]
 
-    @cached_property
-    def size(self) -> int:
-        return math.prod(self.shape) * self.dtype.itemsize
+class OldProtocol(Nonsense):
+    """A message of the first protocol, which had another format."""
 
-    @classmethod
-    def of(cls, about: Any) -> _Listed:
-        about = about if isinstance(about, dict) else {}
-        name, dtype, shape = (about.get(key) for key in ("name", "dtype", "shape"))
-        if (
-            not isinstance(name, str)
-            or not _DTYPE.fullmatch(str(dtype))
-            or not isinstance(shape, list)
-            or not all(type(size) is int and size >= 0 for size in shape)
-        ):
-            raise Nonsense(f"an array described by {str(about)[:200]}")
-        try:
-            listed = cls(name, np.dtype(str(dtype)), tuple(shape))
-        except TypeError as error:
-            raise Nonsense(f"an array of the dtype {dtype}") from error
-        if listed.size > MAX_ARRAY_BYTES:
-            raise Nonsense(f"an array of {listed.size:,} bytes")
-        return listed
+
+class _Header(Strict, strict=True):
+    number: Annotated[int, Field(ge=0, lt=2**63)]
+    """A question's number, which its answer repeats."""
+
+
+class Hello(_Header):
+    """The first question: what the agent would see and do."""
+
+    type: Literal["hello"] = "hello"
+    protocol: Literal[2]
+    environment: Name
+    observation_space: Described
+    action_space: Described
+    wrapped_by: Annotated[tuple[Name, ...], Field(max_length=100)]
+    action_masks: bool
+    deterministic: bool
+
+
+class Act(_Header):
+    """A question for actions; its arrays are observations and more."""
+
+    type: Literal["act"] = "act"
+    start: bool
+    count: Annotated[int, Field(ge=0, le=MAX_ROWS)]
+
+
+class Welcome(_Header):
+    """The answer to `Hello`."""
+
+    type: Literal["hello"] = "hello"
+    protocol: Literal[2]
+    name: Name | None = None
+    fingerprint: Name | None = None
+    rows: Annotated[int, Field(ge=0, le=MAX_ROWS)] = 16
+    action_masks: bool = False
+
+
+class Actions(_Header):
+    """The answer to `Act`; its array is `actions`."""
+
+    type: Literal["actions"] = "actions"
+
+
+class Failed(_Header):
+    """An answer that says what is wrong."""
+
+    type: Literal["error"] = "error"
+    message: str
+
+
+QUESTIONS: TypeAdapter[Hello | Act] = TypeAdapter(
+    Annotated[Hello | Act, Field(discriminator="type")]
+)
+ANSWERS: TypeAdapter[Welcome | Actions | Failed] = TypeAdapter(
+    Annotated[Welcome | Actions | Failed, Field(discriminator="type")]
+)
+HeaderT = TypeVar("HeaderT")
 
 
 class Channel:
-    """Messages over one connection; without a timeout it waits for ever.
+    """Messages over one connection, each within so many seconds of its begin."""
 
-    Most headers are those of the last message, and are not written or read again: such a message
-    comes with the same dictionary.
-    """
-
-    def __init__(self, connection: socket.socket, timeout_s: float | None = None) -> None:
+    def __init__(self, connection: socket.socket, within_s: float) -> None:
         if connection.family in (socket.AF_INET, socket.AF_INET6):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.settimeout(timeout_s)
-        self._connection, self._incoming = connection, connection.makefile("rb")
-        self._asleep = 0
-        self._sent: tuple[Any, bytes] = (None, b"")
-        self._got: tuple[bytes, dict[str, Any], list[_Listed]] = (b"", {}, [])
+        self._connection, self._within_s, self._asleep = connection, within_s, 0
 
     def close(self) -> None:
         """Close the connection."""
-        self._incoming.close()
         self._connection.close()
 
-    def send(self, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
-        """Send one message; it raises OSError if the other side is gone."""
-        kinds = [(name, array.dtype, array.shape) for name, array in arrays.items()]
-        known, begins = self._sent
-        if known != (header, kinds):
-            listed = [
-                {"name": name, "dtype": dtype.str, "shape": shape} for name, dtype, shape in kinds
-            ]
-            text = json.dumps({**header, "arrays": listed}).encode()
-            begins = _LENGTH.pack(len(text)) + text
-            self._sent = ((header, kinds), begins)
-        raw = [array.tobytes() for array in arrays.values()]
-        self._connection.sendall(b"".join([begins, *raw]))
+    def deadline(self) -> float:
+        """Return the time when what begins now must have ended."""
+        return time.monotonic() + self._within_s
 
-    def receive(self) -> Message | None:
+    def send(self, header: Strict, arrays: Mapping[str, Array], until: float) -> None:
+        """Send one message; raise OSError if the other side is gone, or does not read it in time.
+
+        It raises `UserError` if the message is too large.
+        """
+        text = np.frombuffer(header.model_dump_json().encode(), np.uint8)
+        # safetensors writes the memory of an array, whatever its order
+        packed = {name: np.require(array, requirements="C") for name, array in arrays.items()}
+        size = sum(array.nbytes for array in packed.values())
+        if size > MAX_ARRAY_BYTES:
+            raise UserError(
+                f"Expected at most {MAX_ARRAY_BYTES:,} bytes in a message, got {size:,}. Let the "
+                "server say fewer rows, or shrink the observations by a wrapper."
+            )
+        self._send(save({"message": text, **packed}), until)
+
+    def refuse_old(self, sentence: str) -> None:
+        """Send an error as a message of the first protocol."""
+        self._send(json.dumps({"type": "error", "message": sentence}).encode(), self.deadline())
+
+    def _send(self, content: bytes, until: float) -> None:
+        self._connection.settimeout(_left(until))
+        self._connection.sendall(_LENGTH.pack(len(content)) + content)
+
+    def receive(
+        self, kinds: TypeAdapter[HeaderT], until: float | None = None
+    ) -> tuple[HeaderT, dict[str, Array]] | None:
         """Wait for one message; None where the other side has closed the connection.
 
-        It raises `Nonsense` if what comes is no message, and OSError if nothing comes in time.
+        Args:
+            kinds: The headers that are expected.
+            until: When to stop; by default it waits for ever for a message to begin.
+
+        Raises:
+            Nonsense: If what comes is no message.
+            OSError: If it does not come in time, or the connection breaks.
         """
         self._wait_awake()
-        begins = self._incoming.read(_LENGTH.size)
+        self._connection.settimeout(None if until is None else _left(until))
+        begins = self._connection.recv(_LENGTH.size)
         if not begins:
             return None
-        if len(begins) < _LENGTH.size:
-            raise Nonsense("half a message")
+        until = self.deadline() if until is None else until
+        begins += self._read(_LENGTH.size - len(begins), until)
         (length,) = _LENGTH.unpack(begins)
-        if not 2 <= length <= MAX_HEADER_BYTES:
-            raise Nonsense(f"a header of {length:,} bytes")
-        text = self._read(length)
-        if text != self._got[0]:
-            self._got = (text, *_parsed(text))
-        _, header, listed = self._got
-        return header, {entry.name: self._read_array(entry) for entry in listed}
+        if length > MAX_ARRAY_BYTES + 2 * MAX_HEADER_BYTES:
+            raise Nonsense(f"a message of {length:,} bytes")
+        return _parsed(self._read(length, until), kinds)
 
     def _wait_awake(self) -> None:
         """Wait a moment for a message without sleeping, unless others need the core."""
@@ -157,82 +205,45 @@ class Channel:
                 self._asleep = _ASLEEP
                 return
 
-    def _read_array(self, entry: _Listed) -> Array:
-        array = np.frombuffer(self._read(entry.size), entry.dtype)
-        return array.reshape(entry.shape).copy()
+    def _read(self, count: int, until: float) -> bytes:
+        content = bytearray()  # grows with what comes, whatever length was announced
+        while len(content) < count:
+            self._connection.settimeout(_left(until))
+            chunk = self._connection.recv(min(count - len(content), _CHUNK_BYTES))
+            if not chunk:
+                raise Nonsense("half a message")
+            content += chunk
+        return bytes(content)
 
-    def _read(self, count: int) -> bytes:
-        content = self._incoming.read(count)
-        if len(content) < count:
-            raise Nonsense("half a message")
-        return content
+
+def _left(until: float) -> float:
+    """Return the seconds to a time; raise TimeoutError if it is past."""
+    if (left := until - time.monotonic()) <= 0:
+        raise TimeoutError("timed out")
+    return left
 
 
-def _parsed(text: bytes) -> tuple[dict[str, Any], list[_Listed]]:
+def _parsed(content: bytes, kinds: TypeAdapter[HeaderT]) -> tuple[HeaderT, dict[str, Array]]:
+    if int.from_bytes(content[:8], "little") > MAX_HEADER_BYTES:
+        old = content.startswith(b"{")
+        raise (OldProtocol if old else Nonsense)(
+            "a message that is not in the format of safetensors"
+        )
     try:
-        header: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise Nonsense("a header that is no JSON") from error
-    listed = header.get("arrays", []) if isinstance(header, dict) else None
-    if not isinstance(listed, list):
-        raise Nonsense("a header that is no object, or has no list of arrays")
-    return header, [_Listed.of(about) for about in listed]
+        arrays = load(content)
+        text = arrays.pop("message")
+    except (SafetensorError, ValueError, LookupError, OverflowError) as error:
+        reason = shown(f"{type(error).__name__}: {error}")
+        raise Nonsense(f"a message that is not in the format of safetensors ({reason})") from error
+    unknown = [array.dtype for array in arrays.values() if array.dtype not in DTYPES.values()]
+    if unknown or text.nbytes > MAX_HEADER_BYTES:
+        raise Nonsense(f"arrays of {unknown[:3]}, or an object of {text.nbytes:,} bytes")
+    try:
+        return kinds.validate_json(text.tobytes()), arrays
+    except ValidationError as error:
+        raise Unexpected(f"a message with {first_error(error, 'its object')}") from error
 
 
 def array_name(key: str) -> str:
     """Return the name of the array of a part of the observations, see `keyed`."""
     return OBSERVATION if key == ALONE else f"{OBSERVATION}.{key}"
-
-
-def space_to_json(space: spaces.Space[Any]) -> dict[str, Any]:
-    """Describe a space as data for JSON; a bound that is infinite is null."""
-    kind = type(space).__name__
-    if isinstance(space, spaces.Dict):
-        return {"kind": kind, "spaces": {key: space_to_json(part) for key, part in space.items()}}
-    if isinstance(space, spaces.Box):
-        bounds = {name: _bound(getattr(space, name)) for name in ("low", "high")}
-        return {"kind": kind, "shape": [*space.shape], "dtype": space.dtype.str, **bounds}
-    if isinstance(space, spaces.Discrete):
-        return {"kind": kind, "n": int(space.n), "start": int(space.start)}
-    if isinstance(space, spaces.MultiDiscrete):
-        sizes = {"nvec": space.nvec.tolist(), "start": space.start.tolist()}
-        return {"kind": kind, "dtype": space.dtype.str, **sizes}
-    assert isinstance(space, spaces.MultiBinary)
-    return {"kind": kind, "shape": [*(space.shape or ())]}
-
-
-def _bound(values: Array) -> Any:
-    """Return one number where all are the same, else nested lists."""
-    numbers = values.astype(object)
-    numbers[~np.isfinite(values)] = None
-    flat = numbers.ravel().tolist()
-    return flat[0] if flat and all(number == flat[0] for number in flat) else numbers.tolist()
-
-
-def space_from_json(entry: Any) -> spaces.Space[Any]:
-    """Make a space of its description; raise `Nonsense` if it is none."""
-    try:
-        kind = entry["kind"]
-        if kind == "Dict":
-            parts = {key: space_from_json(part) for key, part in entry["spaces"].items()}
-            return spaces.Dict(parts)
-        if kind == "Box":
-            dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
-            low, high = (
-                np.broadcast_to(np.where(given == None, end, given).astype(dtype), shape)  # noqa: E711
-                for given, end in (
-                    (np.array(entry["low"], object), -np.inf),
-                    (np.array(entry["high"], object), np.inf),
-                )
-            )
-            return spaces.Box(low, high, shape, dtype.type)
-        if kind == "Discrete":
-            return spaces.Discrete(entry["n"], start=entry["start"])
-        if kind == "MultiDiscrete":
-            dtype = np.dtype(entry["dtype"])
-            return spaces.MultiDiscrete(entry["nvec"], dtype.type, start=entry["start"])
-        if kind == "MultiBinary":
-            return spaces.MultiBinary(entry["shape"])
-    except (KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
-        raise Nonsense(f"a space described by {str(entry)[:200]}") from error
-    raise Nonsense(f"a space of the kind {kind!r}")

@@ -20,6 +20,7 @@ from typing import Any, cast
 from sada_gym.agents.remote import keeper
 from sada_gym.agents.remote.messages import CONNECT, CONNECT_UNIX, Channel
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.files import shown
 
 _TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOOK_EACH_S = 0.2
@@ -52,18 +53,18 @@ class Address:
 
     def __str__(self) -> str:
         """Name it for messages."""
-        return f"tcp://{self.host}:{self.port}"
+        return shown(f"tcp://{self.host}:{self.port}")
 
     @property
     def name(self) -> str:
         """What reports call an agent here that has no name."""
-        return f"{self.host}:{self.port}"
+        return shown(f"{self.host}:{self.port}")
 
     def open(self, timeout_s: float) -> Link:
         """Connect; raise `Unreachable` if nobody is there."""
         try:
             link = socket.create_connection((self.host.strip("[]"), self.port), timeout_s)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # a host's name may be none that can be written
             raise Unreachable(
                 f"nobody is there ({error}). Start the agent's server, sada_gym.serve(agent) or a "
                 "program of your own"
@@ -84,7 +85,7 @@ class Program:
 
     def __str__(self) -> str:
         """Name it for messages."""
-        return f"the program {' '.join(self.command)}"
+        return f"the program {shown(' '.join(self.command))}"
 
     @property
     def name(self) -> str:
@@ -101,13 +102,17 @@ class Program:
             if (unix := _unix_socket(stack)) is not None:
                 waiting.append(unix)
                 environment[CONNECT_UNIX] = unix.getsockname()
-            program = subprocess.Popen(
-                [sys.executable, "-I", "-S", keeper.__file__, self._executable, *self.command[1:]],
-                cwd=self.folder,
-                env={**_outer_environment(), **environment},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-            )
+            command = [sys.executable, "-I", "-S", keeper.__file__, self._executable]
+            try:
+                program = subprocess.Popen(
+                    [*command, *self.command[1:]],
+                    cwd=self.folder,
+                    env={**_outer_environment(), **environment},
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                )
+            except (OSError, ValueError) as error:  # no such folder, or a NUL in the command
+                raise Unreachable(f"it did not start ({error})") from error
             try:
                 connection = _awaited(waiting, program, timeout_s)
                 return Link(Channel(connection, timeout_s), program)
@@ -205,4 +210,4 @@ def _ended(program: subprocess.Popen[bytes]) -> str:
 def printed(last: str) -> str:
     """Return the last lines that a program printed, for a message."""
     lines = [line.strip() for line in last.splitlines() if line.strip(" ^~")][-3:]
-    return f". It printed at last: {' / '.join(lines)}" if lines else ""
+    return f". It printed at last: {shown(' / '.join(lines))}" if lines else ""

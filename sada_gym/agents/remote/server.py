@@ -6,14 +6,16 @@ import os
 import socket
 import sys
 import threading
+import time
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
+from pydantic import ValidationError
 
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Indices, Interface
@@ -21,22 +23,37 @@ from sada_gym.agents.given import agent_of
 from sada_gym.agents.remote.messages import (
     CONNECT,
     CONNECT_UNIX,
+    MAX_ROWS,
     PROTOCOL,
-    Array,
+    QUESTIONS,
+    Act,
+    Actions,
     Channel,
-    Message,
+    Failed,
+    Hello,
     Nonsense,
+    OldProtocol,
+    Unexpected,
+    Welcome,
     array_name,
-    space_from_json,
 )
+from sada_gym.agents.remote.spaces import DTYPES, Array
 from sada_gym.agents.tile import ALONE, Batch, keyed
-from sada_gym.errors import UserError, check_integer
+from sada_gym.errors import UserError, check_integer, described
+from sada_gym.files import first_error, shown
 from sada_gym.lazy import load
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
 PORT = 7788
+
+_THREADS = 128
+"""How many connections are open at once: each has a thread and the spaces of its environment."""
+_PATIENCE_S = 60.0
+"""How long a message may take that has begun, and the first one to come."""
+_BUSY_S = 0.1
+_MISSING = np.empty(0, np.void)
 
 
 def serve(
@@ -64,7 +81,8 @@ def serve(
         vec_normalize: The same.
 
     Raises:
-        UserError: If the port cannot be listened on, or there is no such file.
+        UserError: If the port cannot be listened on, there is no such file, or the name has more
+            than 200 characters or one that cannot be printed.
     """
     file = find_agent_file(agent) if isinstance(agent, str | Path) else None
     if vec_normalize:
@@ -76,18 +94,20 @@ def serve(
         served.answer(_connected(asked_by, os.environ.get(CONNECT_UNIX)))
         return
     check_integer("port", port, 0, 2**16 - 1)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        listening = socket.create_server((host, port))
-    except OSError as error:
+        listening = socket.create_server((host, port), family=family)
+    except (OSError, ValueError, TypeError) as error:  # a name may be none that can be written
         raise UserError(
-            f"Expected to listen on {host}:{port}, got {error}. Choose another port=."
+            f"Expected to listen on {shown(host)}:{port}, got {error}. Choose another port=."
         ) from error
     with listening:
-        print(f"Serving at tcp://{host}:{listening.getsockname()[1]}", file=sys.stderr, flush=True)
+        shown_host = f"[{host}]" if ":" in host else host
+        address = f"tcp://{shown_host}:{listening.getsockname()[1]}"
+        print(f"Serving at {address}", file=sys.stderr, flush=True)
         try:
             while True:
-                connection, _ = listening.accept()
-                threading.Thread(target=served.answer, args=(connection,), daemon=True).start()
+                served.accept(listening)
         except KeyboardInterrupt:
             return
 
@@ -103,7 +123,13 @@ def _connected(address: str, path: str | None) -> socket.socket:
         else:
             return connection
     host, _, port = address.rpartition(":")
-    return socket.create_connection((host, int(port)))
+    try:
+        return socket.create_connection((host, int(port)))
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"Expected an attack at {CONNECT}={shown(address)}, got {error}. Unset that variable "
+            "to serve without one."
+        ) from error
 
 
 class _Served:
@@ -112,71 +138,114 @@ class _Served:
     def __init__(
         self, given: Any, name: str | None, allow_pickle: bool, normalisation: Any
     ) -> None:
-        self._given, self._name = given, name
+        try:
+            self._welcome = Welcome(number=0, protocol=PROTOCOL, name=name, rows=0)  # own tiles
+        except ValidationError as error:
+            raise UserError(
+                f"Expected name= of at most 200 printable characters, got {first_error(error)}. "
+                "Name the agent otherwise."
+            ) from error
+        self._given = given
+        self._loaded: tuple[Any, Any] = (None, None)
         self._allow_pickle, self._normalisation = allow_pickle, normalisation
         self._turn = threading.Lock()
+
+    def accept(self, listening: socket.socket) -> None:
+        """Wait for a connection, and answer it in a thread of its own."""
+        try:
+            connection, _ = listening.accept()
+        except OSError as error:  # it has gone already, or there are too many open files
+            print(f"No connection was made: {error}", file=sys.stderr, flush=True)
+            time.sleep(_BUSY_S)
+            return
+        if threading.active_count() > _THREADS:
+            connection.close()
+            print(f"A connection was closed: {_THREADS} are open", file=sys.stderr, flush=True)
+        else:
+            threading.Thread(target=self.answer, args=(connection,), daemon=True).start()
 
     def answer(self, connection: socket.socket) -> None:
         """Answer the messages of one connection to its end."""
         session: _Session | None = None
-        with closing(Channel(connection)) as channel:
+        with closing(Channel(connection, _PATIENCE_S)) as channel:
+            until: float | None = channel.deadline()
             try:
-                while (message := channel.receive()) is not None:
-                    header = message[0]
-                    try:
-                        with self._turn:
-                            if header.get("type") == "hello":
-                                session, reply, arrays = *self._hello(header), {}
-                            elif session is None or header.get("type") != "act":
-                                raise Nonsense(f"the type {header.get('type')!r}")
-                            else:
-                                reply, arrays = {"type": "actions"}, session.act(message)
-                    except (UserError, NotImplementedError) as error:
-                        reply, arrays = {"type": "error", "message": str(error)}, {}
-                    channel.send(reply, arrays)
-            except (OSError, Nonsense) as error:
+                while (message := channel.receive(QUESTIONS, until)) is not None:
+                    session, reply, arrays = self._reply(session, *message)
+                    channel.send(reply, arrays, channel.deadline())
+                    until = None if session else until
+            except (OSError, Nonsense, UserError) as error:
                 print(f"A connection was closed: {error}", file=sys.stderr, flush=True)
+                with suppress(OSError):
+                    _refuse(channel, error)
 
-    def _hello(self, header: Mapping[str, Any]) -> tuple[_Session, dict[str, Any]]:
-        if header.get("protocol") != PROTOCOL:
-            raise UserError(
-                f"Expected protocol {PROTOCOL}, got {header.get('protocol')!r}. Install the same "
-                "version of sada_gym on both sides."
-            )
+    def _reply(
+        self, session: _Session | None, header: Hello | Act, arrays: Mapping[str, Array]
+    ) -> tuple[_Session | None, Welcome | Actions | Failed, Mapping[str, Array]]:
+        """Return the session after a question, the answer's header and its arrays."""
+        number = header.number
+        try:
+            with self._turn:
+                if isinstance(header, Hello):
+                    session, welcome = self._hello(header, arrays)
+                    return session, welcome.model_copy(update={"number": number}), {}
+                if session is None:
+                    raise UserError("Expected a hello first, got act. Send one.")
+                actions = session.act(header, arrays)
+                return session, Actions(number=number), {"actions": actions}
+        except (UserError, NotImplementedError) as error:
+            told = str(error)
+        except Exception as error:  # whatever an agent or its file may raise
+            told = f"Expected actions from the agent, got {described(error)}. Mend the agent."
+        return session, _failed(told, number), {}
+
+    def _hello(self, header: Hello, arrays: Mapping[str, Array]) -> tuple[_Session, Welcome]:
         kinds = (gym.ObservationWrapper, gym.ActionWrapper)
+        try:
+            observation_space = header.observation_space.made(arrays)
+            action_space = header.action_space.made(arrays)
+        except (ValueError, TypeError, LookupError, ArithmeticError, AssertionError) as error:
+            raise UserError(
+                f"Expected spaces of Gymnasium, got {described(error)}. Mend their bounds."
+            ) from error
+        has_masks = header.action_masks and not isinstance(action_space, gym.spaces.Box)
+        if has_masks and _choices(action_space) > MAX_ROWS:
+            raise UserError(
+                f"Expected at most {MAX_ROWS:,} choices to mask, got {action_space}. Mask fewer."
+            )
         interface = Interface(
-            str(header.get("environment")),
-            space_from_json(header.get("observation_space")),
-            space_from_json(header.get("action_space")),
-            tuple(kind for kind in kinds if kind.__name__ in header.get("wrapped_by", [])),
-            header.get("action_masks") is True,
+            header.environment,
+            observation_space,
+            action_space,
+            tuple(kind for kind in kinds if kind.__name__ in header.wrapped_by),
+            has_masks,
         )
         given = self._given
         if isinstance(given, Path):
-            given = load_agent_file(
-                given,
-                interface.observation_space,
-                interface.action_space,
-                allow_pickle=self._allow_pickle,
-                has_statistics=self._normalisation is not None,
-            )
+            given = self._load(given, interface)
         elif isinstance(given, Agent):
             given = deepcopy(given)  # another connection starts other episodes
         agent = agent_of(
             given,
             interface,
-            self._name or str(getattr(given, "__name__", type(given).__name__)),
+            self._welcome.name or str(getattr(given, "__name__", type(given).__name__)),
             normalisation=self._normalisation,
-            deterministic=header.get("deterministic") is not False,
+            deterministic=header.deterministic,
         )
-        return _Session(agent, interface), {
-            "type": "hello",
-            "protocol": PROTOCOL,
-            "name": self._name,
-            "fingerprint": agent.fingerprint,
-            "rows": 0,  # it makes tiles of one size itself
-            "action_masks": interface.has_masks,
-        }
+        told = {"fingerprint": agent.fingerprint, "action_masks": has_masks}
+        session = _Session(agent, interface, deterministic=header.deterministic)
+        return session, self._welcome.model_copy(update=told)
+
+    def _load(self, file: Path, interface: Interface) -> Any:
+        """Load the agent's file once for all connections from the same environment."""
+        seen = (interface.observation_space, interface.action_space)
+        if self._loaded[0] != seen:
+            has_statistics = self._normalisation is not None
+            agent = load_agent_file(
+                file, *seen, allow_pickle=self._allow_pickle, has_statistics=has_statistics
+            )
+            self._loaded = seen, agent
+        return self._loaded[1]
 
 
 class _Session:
@@ -184,35 +253,54 @@ class _Session:
 
     finite_only = True
 
-    def __init__(self, agent: Agent[Any, Any], interface: Interface) -> None:
-        self._agent, self._interface = agent, interface
-        self._header: Mapping[str, Any] = {}
+    def __init__(
+        self, agent: Agent[Any, Any], interface: Interface, *, deterministic: bool
+    ) -> None:
+        self._agent, self._interface, self._count = agent, interface, 0
         self._arrays: Mapping[str, Array] = {}
         self._which: Indices = np.empty(0, np.intp)
         self._rows: dict[int, int] = {}
         self._seeds: dict[int, int] = {}
-        self._names = {key: array_name(key) for key in keyed(interface.observation_space)}
+        parts = keyed(interface.observation_space)
+        self._names = {key: array_name(key) for key in parts}
+        self._expected: dict[str, tuple[Any, tuple[int, ...]]] = {"episodes": (np.int64, ())}
+        for key, part in parts.items():
+            self._expected[self._names[key]] = part.dtype, part.shape or ()
+        if interface.has_masks:
+            self._expected["action_masks"] = np.bool_, (_choices(interface.action_space),)
+        if not deterministic:
+            self._expected["seeds"] = np.uint32, ()
 
-    def act(self, message: Message) -> dict[str, Array]:
-        header, self._arrays = message
-        if header is not self._header:
-            self._read_header(header)
-        if header.get("start") is True:
-            seeds = self._arrays.get("episode_seeds", np.zeros(len(self._which), np.uint32))
-            self._seeds = dict(zip(self._which.tolist(), seeds.tolist(), strict=True))
-            self._agent.start(header["count"])
-        actions = self._agent.act(self, self._which)
-        return {"actions": _sendable(actions, len(self._which), self._interface)}
-
-    def _read_header(self, header: Mapping[str, Any]) -> None:
-        episodes, count = header.get("episodes"), header.get("count")
-        missing = [name for name in self._names.values() if name not in self._arrays]
-        if not isinstance(episodes, list) or type(count) is not int or missing:
-            raise Nonsense(f"no episodes, count or {', '.join(missing)}")
-        self._which = np.array(episodes, np.intp)
-        self._which.flags.writeable = False  # the next message may have the same header
+    def act(self, header: Act, arrays: Mapping[str, Array]) -> Array:
+        """Return the actions in some episodes, (n, ...); raise `UserError` for other arrays."""
+        expected = self._expected
+        if header.start or "episode_seeds" in arrays:
+            expected = {**expected, "episode_seeds": (np.uint32, ())}
+        rows = arrays.get("episodes", _MISSING).shape[:1]
+        for name, (dtype, shape) in expected.items():
+            array = arrays.get(name, _MISSING)
+            if array.dtype != dtype or array.shape != (*rows, *shape):
+                raise UserError(
+                    f"Expected the array {name} of {np.dtype(dtype)} and shape {(*rows, *shape)}, "
+                    f"got {array.dtype} and {array.shape}. Send it so."
+                )
+        if header.start:
+            self._count, self._seeds = header.count, {}
+            self._agent.start(header.count)
+        self._arrays, self._which = arrays, arrays["episodes"].astype(np.intp)
+        episodes = self._which.tolist()
         self._rows = {episode: row for row, episode in enumerate(episodes)}
-        self._header = header
+        if (
+            len(self._rows) < max(1, len(episodes))
+            or not 0 <= min(episodes) <= max(episodes) < self._count
+        ):
+            raise UserError(
+                f"Expected episodes that differ, from 0 to below the {self._count} that were "
+                f"started, got {shown(str(episodes))}. Start them first."
+            )
+        if "episode_seeds" in arrays:
+            self._seeds.update(zip(episodes, arrays["episode_seeds"].tolist(), strict=True))
+        return _sendable(self._agent.act(self, self._which), len(episodes), self._interface)
 
     def observe(self, which: Indices) -> Batch:
         if which is self._which:
@@ -231,10 +319,32 @@ class _Session:
         return self._arrays["seeds"][[self._rows[i] for i in which.tolist()]]
 
     def agent_seed(self, i: int) -> int:
+        if i not in self._seeds:
+            raise UserError(f"Expected an episode seed of episode {i}, got none. Send one first.")
         return self._seeds[i]
 
     def where(self, i: int) -> str:
         return f"a step of episode {i}"
+
+
+def _refuse(channel: Channel, error: Exception) -> None:
+    """Say what was wrong with a message to a side that speaks some protocol of ours."""
+    message = (
+        f"Expected messages of protocol {PROTOCOL}, got {error}. Install the same version of "
+        "sada_gym on both sides."
+    )
+    if isinstance(error, OldProtocol):
+        channel.refuse_old(message)
+    elif isinstance(error, Unexpected | UserError):
+        channel.send(_failed(message), {}, channel.deadline())
+
+
+def _failed(message: str, number: int = 0) -> Failed:
+    return Failed(number=number, message=message.encode(errors="backslashreplace").decode())
+
+
+def _choices(space: Any) -> int:
+    return int(load("sada_gym.agents.model_call:mask_size")(space))  # which needs torch
 
 
 def _sendable(actions: Any, count: int, interface: Interface) -> Array:
@@ -244,7 +354,7 @@ def _sendable(actions: Any, count: int, interface: Interface) -> Array:
         array = np.asarray(actions)
     except (TypeError, ValueError):
         array = np.empty(0, object)
-    if array.dtype.kind not in "biuf" or array.shape != shape:
+    if array.dtype not in DTYPES.values() or array.shape != shape:
         shown = str(actions)[:100]
         raise UserError(
             f"Expected actions of shape {shape} from the agent, got {shown}. Mend what it returns."
