@@ -114,7 +114,7 @@ class Application(ABC):
     name: ClassVar[str]
     version: ClassVar[int] = 0
     repeatable: ClassVar[bool] = True
-    render_fps: ClassVar[int] = 4
+    render_fps: ClassVar[float] = 4
     frames_tell_values: ClassVar[bool] = False
     fooling_threshold: float
     sample_size: int

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.environment_variables import environment_variables
-from sada_gym.frames import INK, Colour, Frame, LegendEntry, rgb
+from sada_gym.frames import INK, VERMILLION, Colour, Frame, LegendEntry, rgb
 
 Point = tuple[float, float]
 
@@ -78,6 +78,17 @@ def wrapped(text: str, face: ImageFont.FreeTypeFont, width: float) -> list[str]:
             line = rest or line
         lines.append(line)
     return lines
+
+
+def stamped(frame: Frame, text: str) -> Frame:
+    """Return a copy of a frame with a text across its top."""
+    picture = Image.fromarray(frame)
+    size = min(max(picture.width // 32, 10), 24)
+    face, draw = font(size), ImageDraw.Draw(picture)
+    for i, line in enumerate(wrapped(text, face, picture.width - size)):
+        draw.rectangle((0, i * size * 4 // 3, picture.width, (i + 1) * size * 4 // 3), "white")
+        draw.text((size // 2, i * size * 4 // 3), line, rgb(VERMILLION), face)
+    return np.asarray(picture)
 
 
 def dashed(

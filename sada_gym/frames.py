@@ -40,6 +40,10 @@ Mark = Literal[
 """How an entry's mark is drawn. A `note` is a line of text without a mark."""
 
 
+_ROUNDED = 1e-3
+"""How far floats may be off by rounding."""
+
+
 class LegendEntry(NamedTuple):
     """A mark in an application's frames, its colour as `#rrggbb`, and what it means."""
 
@@ -48,19 +52,38 @@ class LegendEntry(NamedTuple):
     mark: Mark = "note"
 
 
-def validate_frame(given: Any, source: str) -> Frame:
-    """Return what a source such as `MyApplication.render` drew, if it is a frame.
+def as_frame(given: Any, source: str) -> Frame:
+    """Return what a source such as `MyApplication.render` drew as an RGB image.
+
+    Whole numbers go from 0 to 255; floats do, too, or from 0 to 1. Booleans are black and white,
+    one channel is grey, and alpha lies over white.
 
     Raises:
-        UserError: If it is no frame.
+        UserError: If it is no picture.
     """
-    frame = np.asarray(given)
-    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
-        raise UserError(
-            f"Expected a frame of shape (height, width, 3) and type uint8, got {frame.shape} and "
-            f"{frame.dtype}. Mend {source}."
-        )
-    return frame
+    try:
+        frame = np.asarray(given)
+    except ValueError:  # a list of frames of different sizes
+        frame = np.empty(len(given), object)
+    kind, shape = frame.dtype, frame.shape
+    frame = frame[..., None] if frame.ndim == 2 else frame
+    channels = frame.shape[2] if frame.ndim == 3 and frame.size else 0
+    if kind.kind not in "buif" or channels not in (1, 3, 4):
+        came = f"{type(given).__name__} of shape {shape} and type {kind}"
+    elif not -_ROUNDED <= frame.min() <= frame.max() <= 255 + _ROUNDED:
+        came = f"values from {frame.min():g} to {frame.max():g}"
+    else:
+        if kind.kind in "bf" and frame.max() <= 1 + _ROUNDED:
+            frame = frame * np.float64(255)
+        if kind != np.uint8:
+            frame = np.rint(np.clip(frame, 0, 255)).astype(np.uint8)
+        if channels == 4:
+            opaque = frame[..., 3:] / 255.0
+            frame = np.rint(frame[..., :3] * opaque + 255 * (1 - opaque)).astype(np.uint8)
+        return np.repeat(frame, 3, axis=2) if channels == 1 else frame
+    raise UserError(
+        f"Expected a frame of shape (height, width, 3) and type uint8, got {came}. Mend {source}."
+    )
 
 
 def rgb(colour: str) -> Colour:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +14,11 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
-from sada_gym.errors import UserError, explained
+from sada_gym.errors import Notice, UserError, explained
 
 Array = npt.NDArray[Any]
+_CHANNELS = (1, 3, 4)
+"""How many numbers a pixel of a picture has."""
 
 
 class ExportedNetwork(ABC):
@@ -115,12 +118,33 @@ class ExportedNetwork(ABC):
         self._open()
 
 
-def channels_first(value: Array, shape: tuple[Any, ...]) -> Array:
-    """Return pictures with the channels in front, where a network's shape (n, ...) asks for it."""
-    own, last = shape[1:], value.shape[1:]
-    if value.ndim == 4 and len(own) == 3 and own != last and own == (last[2], *last[:2]):
-        return np.ascontiguousarray(np.moveaxis(value, 3, 1))
-    return value
+def takes_channels_first(
+    space: spaces.Space[Any], shape: tuple[Any, ...], name: str, path: Path
+) -> bool:
+    """Say whether a network's input (n, ...) asks for the pictures of a space, channels in front.
+
+    A size that is no number is free. Where both orders fit a picture, this warns, and says no.
+    """
+    own, last = shape[1:], space.shape or ()
+    if len(own) != 3 or len(last) != 3:
+        return False
+    as_is, moved = (
+        all(
+            not isinstance(wanted, int) or wanted == size
+            for wanted, size in zip(own, sizes, strict=True)
+        )
+        for sizes in (last, (last[2], *last[:2]))
+    )
+    if as_is and moved and last[2] in _CHANNELS:
+        warnings.warn(
+            f"The input {name!r} of {path.name}, {list(own)} each, fits the pictures {last} of "
+            "the environment as they are and with their channels in front; they are given as they "
+            "are. To be sure, export it with a fixed number of channels and of rows, or let a "
+            "wrapper of the environment move the channels.",
+            Notice,
+            stacklevel=3,
+        )
+    return moved and not as_is
 
 
 def input_names(space: spaces.Space[Any], names: list[str], path: Path) -> dict[str, str]:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from sada_gym.agents.exported import Array, ExportedNetwork, channels_first, input_names
+from sada_gym.agents.exported import Array, ExportedNetwork, input_names, takes_channels_first
 from sada_gym.agents.sb3_zip import MAX_MODEL_BYTES
-from sada_gym.agents.tile import Batch
+from sada_gym.agents.tile import Batch, keyed
 from sada_gym.errors import FileError, MissingExtra, explained
 from sada_gym.files import read_file
 
@@ -92,6 +92,12 @@ class OnnxNetwork(ExportedNetwork):
             )
         self._inputs = {entry.name: entry for entry in self._session.get_inputs()}
         self._keys = input_names(self.observation_space, [*self._inputs], self.path)
+        parts = keyed(self.observation_space)
+        self._moved = {
+            name
+            for name, key in self._keys.items()
+            if takes_channels_first(parts[key], tuple(self._inputs[name].shape), name, self.path)
+        }
         rows = {(entry.shape or [None])[0] for entry in self._inputs.values()}
         self.fixed = next((size for size in rows if isinstance(size, int)), None)
 
@@ -99,7 +105,9 @@ class OnnxNetwork(ExportedNetwork):
         given: dict[str, Array] = {}
         for name, key in self._keys.items():
             wanted = self._inputs[name]
-            value = channels_first(inputs[key], tuple(wanted.shape))
+            value = inputs[key]
+            if name in self._moved:
+                value = np.ascontiguousarray(np.moveaxis(value, 3, 1))
             if len(wanted.shape) == 2 and value.ndim == 1:
                 value = value[:, None]
             given[name] = value.astype(_TYPES.get(wanted.type, np.float32))

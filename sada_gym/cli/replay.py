@@ -81,5 +81,8 @@ def replay(
     for played in video.samples:
         say(f"Sample {played.sample}: Q = {played.score:.3g}; {'; '.join(played.endings)}")
         if played.score != played.stored:
-            say(f"  The run stored {played.stored!r}: another processor rounds otherwise.")
+            say(
+                f"  The run stored {played.stored!r}: another processor rounds otherwise, or the "
+                "simulator gives another score each time."
+            )
     say(f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from PIL import Image
 
 from sada_gym.application import Application
@@ -19,7 +20,7 @@ from sada_gym.clips.shots import (
 )
 from sada_gym.errors import UserError
 from sada_gym.files import shown
-from sada_gym.frames import Frame, validate_frame
+from sada_gym.frames import Frame, as_frame
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 
@@ -60,11 +61,11 @@ def replayed_clip(application: Application, mu: Mu, seed: int, seconds: float) -
     if len(frames) == 1:
         path = path_to(mu, seconds)
         scores = application.evaluate(path, [seed] * len(path)).score
-        frames = [validate_frame(application.render(row, seed), f"{name}.render") for row in path]
+        frames = [as_frame(application.render(row, seed), f"{name}.render") for row in path]
         notes, fps = [f"Q = {score:.2f}" for score in scores], float(MORPH_FPS)
     else:
         kept, fps, remark = pace(len(frames), application.render_fps, seconds)
-        frames = [validate_frame(frames[i], f"{name}.replay") for i in kept]
+        frames = [as_frame(frames[i], f"{name}.replay") for i in kept]
         notes = [f"{i / application.render_fps:.1f} s{remark}" for i in kept]
     pictures = [Image.fromarray(frame) for frame in frames]
     return Clip([Shot(pictures, fps, notes, describe_world(application, mu), ending)], score)
@@ -72,9 +73,10 @@ def replayed_clip(application: Application, mu: Mu, seed: int, seconds: float) -
 
 def _replay(application: Application, mu: Mu, seed: int) -> tuple[Sequence[Frame], float]:
     name = type(application).__name__
-    if not application.render_fps > 0:
+    fps = application.render_fps
+    if not isinstance(fps, int | float | np.number) or not 0 < fps < np.inf:
         raise UserError(
-            f"Expected `render_fps` of {name} above 0, got {application.render_fps!r}. It is the "
+            f"Expected `render_fps` of {name} above 0, got {fps!r}. It is the "
             "number of frames that `replay` returns for a second."
         )
     returned = application.replay(mu, seed)

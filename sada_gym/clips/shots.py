@@ -23,6 +23,8 @@ MIN_SHARE_S = 4.0
 MAX_FPS = 20
 SHORTEST_S = 2.0
 """A shorter episode is shown in slow motion."""
+MIN_FPS = 1.0
+"""An episode of fewer frames a second is shown in time lapse."""
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,15 @@ def pace(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
     """Choose those of an episode's `count` frames that fill the last seconds, and their pace.
 
     Returns their indices, the last one included; frames a second; and a remark where the episode is
-    shown in slow motion.
+    shown in slow motion or time lapse.
     """
+    lapse = "  ·  time lapse" if fps < MIN_FPS else ""
+    fps = max(fps, MIN_FPS)
     stride = max(1, math.ceil(fps / MAX_FPS))
-    if count < fps * SHORTEST_S:
+    if count < fps * SHORTEST_S and not lapse:
         return range(count), min(fps / stride, count / SHORTEST_S), "  ·  slow motion"
     kept = max(2, round(seconds * fps / stride))
-    return range(count - 1, -1, -stride)[:kept][::-1], fps / stride, ""
+    return range(count - 1, -1, -stride)[:kept][::-1], fps / stride, lapse
 
 
 def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], float]:

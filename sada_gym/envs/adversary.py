@@ -13,7 +13,7 @@ from gymnasium.error import ResetNeeded
 from sada_gym.application import Application, check_declared, isolated_rng
 from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import UserError, UserTypeError, check_known
-from sada_gym.frames import Frame
+from sada_gym.frames import Frame, as_frame
 from sada_gym.lazy import load
 from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, RenderModes
 from sada_gym.proposals import Proposals
@@ -92,8 +92,7 @@ class AdversaryEnv(LockstepEnv[Floats32]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        with isolated_rng(self.application):
-            return self.application.replay(mu, seed)
+        return _replayed(self.application, mu, seed)
 
 
 class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
@@ -121,8 +120,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again, see `AdversaryEnv.replay`."""
-        with isolated_rng(self.application):
-            return self.application.replay(mu, seed)
+        return _replayed(self.application, mu, seed)
 
 
 class _Evaluations(Proposals):
@@ -168,7 +166,8 @@ class _Evaluations(Proposals):
             if shown is None:
                 raise ResetNeeded("Expected reset() before render(): there is no world yet.")
             with isolated_rng(self._application):
-                frames.append(self._application.render(*shown))
+                drawn = self._application.render(*shown)
+            frames.append(as_frame(drawn, f"{type(self._application).__name__}.render"))
         return frames
 
     def close(self) -> None:
@@ -200,6 +199,13 @@ def _made(
     made = named(**keywords)
     check_declared(made)
     return made
+
+
+def _replayed(application: Application, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+    source = f"{type(application).__name__}.replay"
+    with isolated_rng(application):
+        frames, score = application.replay(mu, seed)
+        return [as_frame(frame, source) for frame in frames], score
 
 
 def _draw_seed(generator: np.random.Generator) -> int:

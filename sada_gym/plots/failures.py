@@ -12,7 +12,7 @@ from PIL import Image
 
 from sada_gym.application import Application, isolated_rng
 from sada_gym.evaluations import Evaluations
-from sada_gym.frames import Frame, LegendEntry, Mark, validate_frame
+from sada_gym.frames import Frame, LegendEntry, Mark, as_frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_choice import Failure, choose_failures
 from sada_gym.plots.failure_sheet import FrameGroup, columns_for, failure_sheet
@@ -47,7 +47,7 @@ def draw_failures(
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
             for given, row in zip(drawn, rows, strict=True):
-                frame = validate_frame(given, source)
+                frame = as_frame(given, source)
                 on_frame(row, frame)
                 yield frame
         except NotImplementedError as error:

@@ -32,6 +32,11 @@ MAX_SECONDS = 60.0
 CLOSE = 1e-4
 """Another processor rounds otherwise: a score may be so far from the stored one."""
 
+_DRAWING = (
+    "Without pictures the score is the stored one, so drawing changes the episode. Mend the "
+    "environment's render, or what it does with a render_mode, so that it changes nothing."
+)
+
 Stage = Literal["open", "play", "write"]
 OnProgress = Callable[[Stage, int, int], object]
 """Gets the stage, how many samples of it are done, and their number."""
@@ -192,9 +197,11 @@ def _play(
     same_verdict = fools(clip.score, threshold) == fools(stored, threshold)
     differs = abs(clip.score - stored) > CLOSE or not same_verdict
     if application.repeatable and differs:
+        undrawn = application.evaluate(samples.mu[row : row + 1], [int(samples.seed[row])]).score
+        reason = _DRAWING if abs(float(undrawn[0]) - stored) <= CLOSE else _reason(settings)
         raise UserError(
             f"Expected Q = {stored:.6g} of sample {row}, as the run stored it, got "
-            f"{clip.score:.6g}. {_reason(settings)}"
+            f"{clip.score:.6g}. {reason}"
         )
     return clip
 

@@ -17,7 +17,7 @@ from sada_gym.application import Application, isolated_rng
 from sada_gym.arrays import Floats32
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_file, write_file
-from sada_gym.frames import Frame, validate_frame
+from sada_gym.frames import Frame, as_frame
 
 THUMBNAILS_FILE = "thumbnails.zip"
 
@@ -130,7 +130,7 @@ def draw(
         with isolated_rng(application):
             frames = application.render_batch(mu, seeds)
             for world, frame in zip(worlds, frames, strict=True):
-                drawn[world.key] = picture_of(validate_frame(frame, application.name))
+                drawn[world.key] = picture_of(as_frame(frame, application.name))
                 on_progress(len(drawn), len(worlds))
     except Exception:  # a user's code: the sheet of failures tells what is wrong with it
         return drawn

@@ -28,7 +28,7 @@ from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.clip import _ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, Notice, UserError
 from sada_gym.experiment.folder import read_samples, write_samples
 from sada_gym.replay import replay
 
@@ -199,7 +199,7 @@ def test_an_application_without_pictures_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (([np.zeros((5, 5))] * 9, 0.1), r"type uint8, got \(5, 5\) and float64. Mend Bad.replay"),
+        (([np.zeros(5)] * 9, 0.1), r"of shape \(5,\) and type float64. Mend Bad.replay"),
         (([], 0.1), "Expected frames from Bad.replay, got none"),
         ([np.zeros((5, 5, 3), np.uint8)], "a list of frames and a score from Bad.replay, got"),
         ((3, 0.1), r"a score from Bad.replay, got \(3, 0.1\)"),
@@ -257,10 +257,29 @@ def no_screen(step):
     ],
 )
 def test_an_environment_that_draws_badly_is_named(tmp_path, draw, message):
-    def make(size=1.0, render_mode=None):
-        return Drawing(draw, size, render_mode)
+    application = drawing_application(draw)
+    folder = run(tmp_path / "run", application, samples=2)
+    with pytest.raises(UserError, match=message):
+        replay(folder, application=application)
 
-    application = GymnasiumApplication(
+
+@pytest.mark.parametrize("fps", [0, None, np.nan, "fast"])
+def test_frames_need_a_pace(tmp_path, fps):
+    class Still(Counting):
+        render_fps = fps
+
+    folder = run(tmp_path / "run", Still(), samples=2)
+    with pytest.raises(UserError, match=f"Expected `render_fps` of Still above 0, got {fps!r}"):
+        replay(folder, application=Still())
+
+
+def drawing_application(draw, fps=10, **keywords):
+    def make(size=1.0, render_mode=None):
+        env = Drawing(draw, size, render_mode)
+        env.metadata = {**Drawing.metadata, "render_fps": fps}
+        return env
+
+    return GymnasiumApplication(
         make,
         agent=lambda observation: 0,
         agent_id="still",
@@ -268,19 +287,72 @@ def test_an_environment_that_draws_badly_is_named(tmp_path, draw, message):
         score=("return", 0.0, 5.0),
         fooling_threshold=0.5,
         max_steps=9,
+        **keywords,
     )
+
+
+@pytest.mark.parametrize(
+    ("fps", "known"),
+    [(0.5, 0.5), (12.5, 12.5), (0, 30), (None, 30), (np.nan, 30), (-3, 30), ("fast", 30)],
+)
+def test_an_environments_pace_may_be_slow_or_unknown(tmp_path, fps, known):
+    application = drawing_application(lambda step: np.full((9, 9, 3), 40 * step, np.uint8), fps)
+    assert application.render_fps == known
     folder = run(tmp_path / "run", application, samples=2)
-    with pytest.raises(UserError, match=message):
+    video = replay(folder, application=application)
+    assert video.seconds < 12.0
+    assert len({frame.tobytes() for frame in video.frames}) >= 6
+
+
+def test_a_slow_pace_is_shown_faster_and_says_so():
+    assert pace(9, 0.5, 10.0) == (range(9), 1.0, "  ·  time lapse")
+    assert pace(1, 0.5, 10.0) == (range(1), 1.0, "  ·  time lapse")
+    assert pace(9, 10.0, 10.0)[2] == "  ·  slow motion"
+
+
+class Restless(Drawing):
+    """Its return grows by what is drawn: each frame makes the next step worth half of it."""
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        worth = reward * 0.5 ** getattr(self, "drawn", self.render_mode is not None)
+        return observation, worth, terminated, truncated, info
+
+
+@pytest.mark.parametrize("changed_by", ["render", "render_mode"])
+def test_drawing_that_changes_the_episode_is_told(tmp_path, changed_by):
+    def make(size=1.0, render_mode=None):
+        env = Restless(lambda step: np.zeros((90, 320, 3), np.uint8), size, render_mode)
+        if changed_by == "render":
+            env.drawn, draw = 0, env.draw
+
+            def drawing(step):
+                env.drawn = 1
+                return draw(step)
+
+            env.draw = drawing
+        return env
+
+    application = GymnasiumApplication(
+        make,
+        agent=lambda observation: 0,
+        agent_id="still",
+        parameters={"size": (0.5, 1.0)},
+        score=("return", 0.0, 5.0),
+        fooling_threshold=0.9,
+        max_steps=9,
+    )
+    stored = application.evaluate([[0.5]], [3]).score[0]
+    with pytest.warns(Notice, match="other episodes than are scored: its render"):
+        frames, score = application.replay([0.5], 3)
+    assert score < stored
+    assert all(frame[:20].any() for frame in frames)  # which would be black
+    if changed_by == "render_mode":
+        with pytest.warns(Notice, match="its render_mode"):
+            assert application.render([0.5], 3)[:20].any()
+    folder = run(tmp_path / "run", application, samples=2)
+    with pytest.raises(UserError, match="so drawing changes the episode"):
         replay(folder, application=application)
-
-
-def test_frames_need_a_pace(tmp_path):
-    class Still(Counting):
-        render_fps = 0
-
-    folder = run(tmp_path / "run", Still(), samples=2)
-    with pytest.raises(UserError, match="Expected `render_fps` of Still above 0, got 0"):
-        replay(folder, application=Still())
 
 
 def test_frames_may_differ_in_size_and_come_one_by_one(tmp_path):

@@ -34,6 +34,7 @@ from sada_gym.arrays import Floats, Floats32
 from sada_gym.behaviour import Behaviour
 from sada_gym.densities import WorldDensity
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
+from sada_gym.drawing import stamped
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
@@ -59,7 +60,7 @@ from sada_gym.envs.wrapped.inspection import check_environment, name_and_version
 from sada_gym.envs.wrapped.privileged import Privileged
 from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
 from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
-from sada_gym.errors import UserError, UserTypeError, check_integer, check_known
+from sada_gym.errors import Notice, UserError, UserTypeError, check_integer, check_known
 from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
@@ -69,6 +70,8 @@ from sada_gym.seeds import validate_seeds, validate_world
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
+_USUAL_FPS = 30
+"""Frames a second of environments that do not say it."""
 _MANY = 40
 _MOST_EPISODES = 100_000
 _MOST_WHOLE = 2**53
@@ -255,7 +258,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         score: Score,
     ) -> EpisodeSpec:
         self._metadata = dict(env.metadata)
-        self.render_fps = int(self._metadata.get("render_fps") or 30)  # type: ignore[misc]
+        fps = self._metadata.get("render_fps")
+        is_rate = is_number(fps) and 0 < fps < np.inf
+        self.render_fps = fps if is_rate else _USUAL_FPS  # type: ignore[misc]
         self._wrapped_by = tuple(
             kind
             for kind in (gym.ObservationWrapper, gym.ActionWrapper)
@@ -668,7 +673,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Draw the last frame of the episode, of several that with the lowest score."""
         with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
             play(self.policy, episodes)
-            return np.asarray(episodes.render(episodes.score.argsort(kind="stable")[:1])[0])
+            frames = episodes.render(episodes.score.argsort(kind="stable")[:1])
+        (frame,) = self._compared(mu, seed, [frames[0]], float(episodes.score.mean()))
+        return frame
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the first frame of the first episode."""
@@ -687,9 +694,27 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if not self.can_render:
             self._rendering(mu, seed)
         frames, score = super().replay(mu, seed)
+        frames = self._compared(mu, seed, frames, score)
         if np.isnan(score):  # the world broke
             score = 0.0 if self._on_error == "fooled" else INVALID_SCORE
         return frames, score
+
+    def _compared(
+        self, mu: npt.ArrayLike, seed: int, frames: list[Frame], score: float
+    ) -> list[Frame]:
+        """Say, in a warning and in the frames, where the same world has another score undrawn."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        undrawn = self.evaluate(row, [seed])
+        if undrawn.invalid or undrawn.score[0] == (0.0 if np.isnan(score) else score):
+            return frames
+        warnings.warn(
+            f"Pictures of {self.episode_spec.factory.name} show other episodes than are scored: "
+            "its render, or its render_mode, changes what happens. Mend it.",
+            Notice,
+            stacklevel=3,
+        )
+        text = f"not the episode that was scored: Q = {score:.2f} drawn, {undrawn.score[0]:.2f} not"
+        return [stamped(frame, text) for frame in frames]
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
         return [frame for rollout in rollouts for frame in rollout["frame"]]

@@ -30,6 +30,7 @@ from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import InvalidWorld, UserError, broken_world, explained
 from sada_gym.evaluation import watch
+from sada_gym.frames import as_frame
 
 MEMORY_BYTES = 2**28
 """The memory that the environments of worlds played at once may take."""
@@ -274,8 +275,7 @@ class RunningEpisode:
         """Draw a frame: black where the world broke, None where it broke before the first one.
 
         Raises:
-            NotImplementedError: If the environment draws none.
-            UserError: If its drawing fails, or its frames differ in size.
+            UserError: If its drawing fails, or its frames are none, or differ in size.
         """
         name = self._spec.factory.name
         if self.broken or self.env is None:
@@ -287,18 +287,14 @@ class RunningEpisode:
             explained(f"Expected {name} to draw a frame", "Mend its render."),
         ):
             frame: Any = self.env.render()
-        if not isinstance(frame, np.ndarray) or frame.ndim != 3 or frame.shape[2] != 3:
-            raise NotImplementedError(
-                f"Expected frames of shape (height, width, 3) from {name}, got "
-                f"{type(frame).__name__} of shape {np.shape(frame)}."
-            )
+        frame = as_frame(frame, f"render of {name}")
         self._frame_shape = self._frame_shape or frame.shape
         if frame.shape != self._frame_shape:
             raise UserError(
                 f"Expected frames of one size from {name}, got {frame.shape} after "
                 f"{self._frame_shape}. Mend its render."
             )
-        return np.array(frame, np.uint8)
+        return np.array(frame)
 
     def close(self) -> None:
         """Close the environment."""

@@ -86,6 +86,51 @@ def test_materials_of_obj_files_are_drawn(tmp_path: Path) -> None:
     assert [_uv(shape, corner) for corner in ((0, 0, 0), (2, 3, 0))] == [[0.5, 0], [2.5, 3]]
 
 
+@pytest.mark.parametrize(
+    ("written", "used"),
+    [
+        ("Material #25", "Material #25"),
+        ("#25", "#25"),
+        ("a\tb ", "a\tb"),
+        ('"quoted"', '"quoted"'),
+        ("Grün", "Grün"),
+        ("red", "red # a comment"),
+        ("red # a comment", "red"),
+        ("red # a comment", "red # a comment"),
+    ],
+)
+def test_names_may_hold_a_hash_and_lines_a_comment(written: str, used: str, tmp_path: Path) -> None:
+    vertices = "v 0 0 0 # a\nv 2 0 0\nv 2 3 0\nv 0 0 4\nvt 0 0\n"
+    _folder(
+        tmp_path,
+        **{
+            "car/a.obj": f"mtllib a #1.mtl\nmtllib other.mtl b.mtl # two\n{vertices}usemtl {used}\n"
+            "f 1/1 2/1 3/1 # textured\nusemtl Material #26\nf 1 2 4\n",
+            "car/a #1.mtl": "newmtl Material #26\nKd 0 0 1\nmap_d # none\n",
+            "car/other.mtl": f"newmtl {written}\nKd 1 0 0 # red\nmap_Kd tile #2.png\n",
+            "car/b.mtl": "# nothing\n",
+            "car/tile #2.png": _png(),
+        },
+    )
+    (shape,) = load_folder(tmp_path)["car"]
+    seen = {(s.colour, s.texture is not None) for s in (shape.surfaces[i] for i in shape.materials)}
+    assert seen == {((1.0, 0.0, 0.0), True), ((0.0, 0.0, 1.0), False)}
+
+
+@pytest.mark.parametrize("name", ["Material #27", "#27", "material #26"])
+def test_a_name_with_a_hash_that_no_file_defines_is_refused(name: str, tmp_path: Path) -> None:
+    _folder(
+        tmp_path,
+        **{
+            "car/a.obj": f"mtllib a.mtl\nv 0 0 0\nv 2 0 0\nv 2 3 0\nv 0 0 4\nusemtl {name}\n"
+            "f 1 2 3\nf 1 2 4\n",
+            "car/a.mtl": "newmtl Material #26\nKd 0 0 1\n",
+        },
+    )
+    with pytest.raises(UserError, match=f"a material '{name}' that no material file defines"):
+        load_folder(tmp_path)
+
+
 def test_chosen_materials_take_the_paint(tmp_path: Path) -> None:
     painted = _obj(tmp_path, {**TEXTURES, "paint": ["body*", "Car*"]})
     (shape,) = load_folder(painted)["car"]

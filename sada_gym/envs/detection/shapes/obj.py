@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ _REFUSED = {
     "call": "a call of another file",
     "csh": "a command for the shell",
 }
+_WITH_NAME = ("usemtl", "newmtl", "mtllib", "map_")
 _NO_TEXT = -2
 _NO_MATERIAL = ("", "None", "(null)")
 """Names of what has no material, as exporters write them."""
@@ -90,10 +91,15 @@ def read_obj(text: str, companions: Companions | None = None) -> Triangles:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each statement with its line's number, without comments; continued lines are joined."""
+    """Yield each statement with its line's number, without comments; continued lines are joined.
+
+    Statements with a name keep theirs, for `#` may belong to it: see `_named`.
+    """
     started = ""
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
-        line, comment, _ = line.partition("#")
+        bare, comment, _ = line.partition("#")
+        if not f"{started}{line}".lstrip().lower().startswith(_WITH_NAME):
+            line = bare
         if not comment and line.rstrip().endswith("\\"):
             started += line.rstrip()[:-1] + " "
             continue
@@ -142,7 +148,8 @@ class _VertexZeroError(Exception):
 
 
 def _rest(line: str) -> str:
-    return " ".join(line.split(None, 1)[1:]).strip()
+    rest = " ".join(line.split(None, 1)[1:]).strip()
+    return "" if rest.startswith("# ") else rest
 
 
 def _add_position(said: _Statements, words: list[str]) -> None:
@@ -221,12 +228,30 @@ def _finishes(said: _Statements, companions: Companions) -> list[_Finish]:
     blocks: dict[str, dict[str, str]] = {name: {} for name in _NO_MATERIAL}
     for library in said.libraries:
         # one name with blanks in it, or several names
-        for name in [library] if companions.find(library) else library.split():
+        whole = _file(library, companions)
+        several = library if all(map(companions.find, library.split())) else _bare(library)
+        for name in [whole] if companions.find(whole) else several.split():
             blocks |= _read_mtl(as_text(companions.read(name)))
-    missing = [name for name in said.names if name not in blocks]
-    if missing:
-        raise UserError(f"a material {shown(missing[0])!r} that no material file defines")
-    return [_finish(name, blocks[name], companions) for name in said.names]
+    names = [_named(name, blocks) for name in said.names]
+    return [_finish(name, blocks[name], companions) for name in names]
+
+
+def _bare(name: str) -> str:
+    return name.partition("#")[0].strip()
+
+
+def _named(name: str, blocks: Mapping[str, object]) -> str:
+    """Return the material that a name means; only a name that is not there may hold a comment."""
+    commented = [other for other in blocks if _bare(other) == name]
+    for known in (name, _bare(name) or name, *commented[-1:]):
+        if known in blocks:
+            return known
+    raise UserError(f"a material {shown(name)!r} that no material file defines")
+
+
+def _file(name: str, companions: Companions) -> str:
+    """Return the name of a file, without a comment where no file has all of it as its name."""
+    return name if companions.find(name) else _bare(name)
 
 
 def _read_mtl(text: str) -> dict[str, dict[str, str]]:
@@ -253,11 +278,11 @@ def _finish(name: str, block: dict[str, str], companions: Companions) -> _Finish
     texture, finish = None, _Finish(Surface())
     if block.get("map_kd"):
         file, finish = _map(name, block["map_kd"])
-        texture = companions.texture(file)
+        texture = companions.texture(_file(file, companions))
         colour = colour if any(colour) else (1.0, 1.0, 1.0)  # exporters mean: no colour but this
     if block.get("map_d"):
         file, _ = _map(name, block["map_d"])
-        texture = _with_alpha(texture, companions.texture(file))
+        texture = _with_alpha(texture, companions.texture(_file(file, companions)))
     surface = Surface(name, colour, texture, opacity, look(opacity, gloss))
     return replace(finish, surface=surface)
 
