@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 
 from sada_gym import GymnasiumApplication
 from sada_gym.determinism import one_thread
+from sada_gym.envs.wrapped import ObservationNoise
 
 WORLDS, LOOP_STEPS, ROUNDS = 64, 1_500, 3
 CASES = {
@@ -56,6 +57,29 @@ def test_a_step(name):
             ours = (between - began) / sum(info["length"] for info in infos)
             ratios.append(ours / ((time.process_time() - between) / steps))
     FOUND[name] = f"{np.median(ratios):.2f}"
+
+
+def test_noise_on_pictures():
+    ale_py = pytest.importorskip("ale_py", reason="ale-py is not installed: pip install ale-py")
+    gym.register_envs(ale_py)
+    rng = np.random.default_rng(0)
+    noisy = ObservationNoise(0.0, 20.0).wrap(gym.make("ALE/Pong-v5"), 10.0, rng)
+    ratios = []
+    steps(noisy)  # compiles
+    for _ in range(3 * ROUNDS):
+        with_noise = steps(noisy)
+        ratios.append(with_noise / steps(gym.make("ALE/Pong-v5")))
+    FOUND["Pong with noise, over Pong without"] = f"{np.median(ratios):.2f}"
+
+
+def steps(env):
+    env.reset(seed=0)
+    began = time.process_time()
+    for _ in range(LOOP_STEPS // 3):
+        _, _, terminated, truncated, _ = env.step(0)
+        if terminated or truncated:
+            env.reset()
+    return time.process_time() - began
 
 
 def test_the_figures(capsys):

@@ -258,7 +258,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         score: Score,
     ) -> EpisodeSpec:
         self._metadata = dict(env.metadata)
-        fps = self._metadata.get("render_fps")
+        fps: Any = self._metadata.get("render_fps")
         is_rate = is_number(fps) and 0 < fps < np.inf
         self.render_fps = fps if is_rate else _USUAL_FPS  # type: ignore[misc]
         self._wrapped_by = tuple(

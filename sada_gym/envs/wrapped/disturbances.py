@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -20,6 +21,9 @@ from sada_gym.envs.wrapped.bindings import ParameterBinding
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.parameters import Parameter
+
+if TYPE_CHECKING:
+    from sada_gym.envs.wrapped.pixel_noise import PixelNoise
 
 Env = gym.Env[Any, Any]
 Generator = np.random.Generator
@@ -47,21 +51,31 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     ) -> None:
         super().__init__(env, value, rng)
         self._boxes, self._entries = boxes, None if entries is None else [*entries]
+        self._pictures = {key for key, box in boxes.items() if entries is None and _is_picture(box)}
 
     def observation(self, observation: Any) -> Any:
         if None in self._boxes:
-            return self._noisy(observation, self._boxes[None])
-        noisy = {key: self._noisy(observation[key], box) for key, box in self._boxes.items()}
+            return self._noisy(observation, None)
+        noisy = {key: self._noisy(observation[key], key) for key in self._boxes}
         return {**observation, **noisy}
 
-    def _noisy(self, number: Any, box: spaces.Box[Any]) -> Any:
+    @cached_property
+    def _pixel_noise(self) -> PixelNoise:
+        from sada_gym.envs.wrapped.pixel_noise import PixelNoise  # numba
+
+        return PixelNoise(self.value, self.rng)
+
+    def _noisy(self, number: Any, key: str | None) -> Any:
+        if not self.value:
+            return number
+        if key in self._pictures:
+            return self._pixel_noise(np.asarray(number, np.uint8))
+        box = self._boxes[key]
         noise = self.rng.standard_normal(np.shape(number))
         if self._entries is not None:
             chosen = noise.reshape(-1)[self._entries]
             noise = np.zeros_like(noise)
             noise.reshape(-1)[self._entries] = chosen
-        if not self.value:
-            return number
         clean = np.asarray(number, np.float64)
         noisy = clean + self.value * noise
         if box.dtype.kind in "iu":
@@ -69,6 +83,11 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
         # an environment may leave its own bounds: only noise does not
         low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
         return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
+
+
+def _is_picture(box: spaces.Box[Any]) -> bool:
+    is_of_bytes = len(box.shape) > 1 and box.dtype == np.uint8
+    return is_of_bytes and not box.low.any() and bool((box.high == 255).all())
 
 
 class _LateObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):

@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+from scipy import stats
 from wrapped_toys import cart_pole, pendulum, reach
 
 from sada_gym import GymnasiumApplication
@@ -151,6 +152,54 @@ def test_noise_on_whole_numbers_is_rounded():
     assert seen.dtype == np.uint8
     assert seen.max() <= 255
     assert (seen != np.arange(8)[:, None]).any()
+
+
+PICTURE = spaces.Box(0, 255, (200, 300, 3), np.uint8)
+
+
+class Grey(gym.Env):
+    observation_space, action_space = PICTURE, spaces.Discrete(2)
+
+    def __init__(self, shade):
+        self.seen = np.full(PICTURE.shape, shade, np.uint8)
+
+    def reset(self, *, seed=None, options=None):
+        return self.seen, {}
+
+
+def noisy_picture(shade, deviation, seed=0):
+    env = ObservationNoise(0.0, 255.0).wrap(Grey(shade), deviation, np.random.default_rng(seed))
+    return env.reset()[0], env.reset()[0]
+
+
+@pytest.mark.parametrize(
+    ("shade", "deviation"), [(100, 0.3), (100, 1.0), (100, 10.0), (0, 30.0), (250, 60.0), (7, 1e5)]
+)
+def test_noise_on_pictures_is_gaussian_rounded_and_clipped(shade, deviation):
+    first, second = noisy_picture(shade, deviation)
+    assert first.dtype == np.uint8
+    assert first.shape == PICTURE.shape
+    assert (first != second).any()
+    bounds = stats.norm.cdf((np.arange(255) + 0.5 - shade) / deviation)
+    expected = first.size * np.diff([0.0, *bounds, 1.0])
+    counts = np.bincount(first.ravel(), minlength=256)
+    often = expected > 5
+    distance = ((counts - expected)[often] ** 2 / expected[often]).sum()
+    assert distance < stats.chi2.ppf(1 - 1e-6, often.sum())
+    assert counts[~often].sum() <= 5 + 3 * expected[~often].sum()
+
+
+def test_neighbouring_pixels_have_independent_noise():
+    noise = noisy_picture(128, 20.0)[0].astype(float).ravel() - 128.0
+    for lag in (1, 2, 3, 4, 5, 900):
+        assert abs(np.corrcoef(noise[lag:], noise[:-lag])[0, 1]) < 5 / noise.size**0.5
+
+
+def test_noise_on_pictures_follows_from_the_seed_and_none_changes_nothing():
+    first, again, other = (noisy_picture(9, 4.0, seed)[1] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+    np.testing.assert_array_equal(noisy_picture(9, 0.0)[0], 9)
 
 
 def test_actions_are_late_and_zeros_come_first():
