@@ -263,7 +263,7 @@ FAULTS = {
     "stalls": ("time.sleep(60)", "no answer within 3 s"),
     "answers half": (RAW.format(b"\0\0\0\x10{") + "; sys.exit()", "half a message"),
     "answers HTTP": (RAW.format(b"HTTP/1.1 400"), "a message of 1,213,486,160 bytes"),
-    "answers no arrays": ("connection.send_bytes(b'{x')", "not in the format of safetensors"),
+    "answers no arrays": ("connection.send_bytes(b'{x')", "none of safetensors"),
     "answers no object": ("send([])", "a message with its object: Input should be"),
     "answers another shape": (
         "send(answer, actions=np.zeros((2, 7)))",

@@ -14,14 +14,14 @@ import socket
 import struct
 import time
 from collections.abc import Mapping
-from typing import Annotated, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 from safetensors import SafetensorError
-from safetensors.numpy import load, save
+from safetensors.numpy import load
 
-from sada_gym.agents.remote.spaces import DTYPES, Array, Described, Name
+from sada_gym.agents.remote.spaces import NAMES, Array, Described, Name
 from sada_gym.agents.tile import ALONE
 from sada_gym.errors import UserError
 from sada_gym.files import Strict, first_error, shown
@@ -132,6 +132,9 @@ class Channel:
         if connection.family in (socket.AF_INET, socket.AF_INET6):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._connection, self._within_s, self._asleep = connection, within_s, 0
+        # most messages are laid out as the last one was
+        self._sent: tuple[list[Any], bytes] = ([], b"")
+        self._got: tuple[Any, list[Any]] = (None, [])
 
     def close(self) -> None:
         """Close the connection."""
@@ -147,15 +150,25 @@ class Channel:
         It raises `UserError` if the message is too large.
         """
         text = np.frombuffer(header.model_dump_json().encode(), np.uint8)
-        # safetensors writes the memory of an array, whatever its order
-        packed = {name: np.require(array, requirements="C") for name, array in arrays.items()}
-        size = sum(array.nbytes for array in packed.values())
+        size = sum(array.nbytes for array in arrays.values())
         if size > MAX_ARRAY_BYTES:
             raise UserError(
                 f"Expected at most {MAX_ARRAY_BYTES:,} bytes in a message, got {size:,}. Let the "
                 "server say fewer rows, or shrink the observations by a wrapper."
             )
-        self._send(save({"message": text, **packed}), until)
+        self._send(self._packed({"message": text, **arrays}), until)
+
+    def _packed(self, arrays: Mapping[str, Array]) -> bytes:
+        layout = [(name, array.dtype, array.shape) for name, array in arrays.items()]
+        if self._sent[0] != layout:
+            header, end = dict[str, Any](), 0
+            for name, array in arrays.items():
+                first, end = end, end + array.nbytes
+                about = {"dtype": NAMES[array.dtype], "shape": array.shape}
+                header[name] = {**about, "data_offsets": [first, end]}
+            text = json.dumps(header).encode()
+            self._sent = layout, len(text).to_bytes(8, "little") + text
+        return b"".join([self._sent[1], *(array.tobytes() for array in arrays.values())])
 
     def refuse_old(self, sentence: str) -> None:
         """Send an error as a message of the first protocol."""
@@ -188,7 +201,7 @@ class Channel:
         (length,) = _LENGTH.unpack(begins)
         if length > MAX_ARRAY_BYTES + 2 * MAX_HEADER_BYTES:
             raise Nonsense(f"a message of {length:,} bytes")
-        return _parsed(self._read(length, until), kinds)
+        return self._parsed(self._read(length, until), kinds)
 
     def _wait_awake(self) -> None:
         """Wait a moment for a message without sleeping, unless others need the core."""
@@ -215,33 +228,44 @@ class Channel:
             content += chunk
         return bytes(content)
 
+    def _parsed(
+        self, content: bytes, kinds: TypeAdapter[HeaderT]
+    ) -> tuple[HeaderT, dict[str, Array]]:
+        begin = 8 + int.from_bytes(content[:8], "little")
+        if begin > MAX_HEADER_BYTES:
+            old = content.startswith(b"{")
+            raise (OldProtocol if old else Nonsense)("a message that is none of safetensors")
+        key = content[:begin], len(content)
+        try:
+            if self._got[0] != key:
+                header = json.loads(content[8:begin]) if (loaded := load(content)) else {}
+                layout = [
+                    (name, array.shape, array.dtype, begin + header[name]["data_offsets"][0])
+                    for name, array in loaded.items()
+                ]
+                self._got = key, layout
+            arrays = {
+                name: np.ndarray(shape, dtype, content, first).copy()
+                for name, shape, dtype, first in self._got[1]
+            }
+            text = arrays.pop("message")
+        except (SafetensorError, ValueError, LookupError, OverflowError, TypeError) as error:
+            reason = shown(f"{type(error).__name__}: {error}")
+            raise Nonsense(f"a message that is none of safetensors ({reason})") from error
+        unknown = [array.dtype for array in arrays.values() if array.dtype not in NAMES]
+        if unknown or text.nbytes > MAX_HEADER_BYTES:
+            raise Nonsense(f"arrays of {unknown[:3]}, or an object of {text.nbytes:,} bytes")
+        try:
+            return kinds.validate_json(text.tobytes()), arrays
+        except ValidationError as error:
+            raise Unexpected(f"a message with {first_error(error, 'its object')}") from error
+
 
 def _left(until: float) -> float:
     """Return the seconds to a time; raise TimeoutError if it is past."""
     if (left := until - time.monotonic()) <= 0:
         raise TimeoutError("timed out")
     return left
-
-
-def _parsed(content: bytes, kinds: TypeAdapter[HeaderT]) -> tuple[HeaderT, dict[str, Array]]:
-    if int.from_bytes(content[:8], "little") > MAX_HEADER_BYTES:
-        old = content.startswith(b"{")
-        raise (OldProtocol if old else Nonsense)(
-            "a message that is not in the format of safetensors"
-        )
-    try:
-        arrays = load(content)
-        text = arrays.pop("message")
-    except (SafetensorError, ValueError, LookupError, OverflowError) as error:
-        reason = shown(f"{type(error).__name__}: {error}")
-        raise Nonsense(f"a message that is not in the format of safetensors ({reason})") from error
-    unknown = [array.dtype for array in arrays.values() if array.dtype not in DTYPES.values()]
-    if unknown or text.nbytes > MAX_HEADER_BYTES:
-        raise Nonsense(f"arrays of {unknown[:3]}, or an object of {text.nbytes:,} bytes")
-    try:
-        return kinds.validate_json(text.tobytes()), arrays
-    except ValidationError as error:
-        raise Unexpected(f"a message with {first_error(error, 'its object')}") from error
 
 
 def array_name(key: str) -> str:

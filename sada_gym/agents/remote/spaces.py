@@ -26,7 +26,7 @@ DTYPES = {
 
 Array = npt.NDArray[Any]
 Name = Annotated[OneLine, Field(max_length=200)]
-_NAMES = {dtype: name for name, dtype in DTYPES.items()}
+NAMES = {dtype: name for name, dtype in DTYPES.items()}
 _Bound = int | float | str | None
 
 
@@ -136,7 +136,7 @@ def _numbers(space: spaces.Space[Any], name: str, arrays: dict[str, Array]) -> N
         {
             "kind": next((kind.__name__ for kind in kinds if isinstance(space, kind)), str(space)),
             "shape": space.shape or (),
-            "dtype": _NAMES.get(np.dtype(space.dtype), str(space.dtype)),
+            "dtype": NAMES.get(np.dtype(space.dtype), str(space.dtype)),
             "low": bound("low", low),
             "high": bound("high", high),
         }
