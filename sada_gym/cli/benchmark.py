@@ -86,7 +86,11 @@ def benchmark(
     references: Path | None = option(
         None, "The reference sets.", metavar="DIR", shown="the shipped ones"
     ),
-    report: bool = option(False, "Run nothing; report what DIR holds by now.", "--report"),
+    report: bool = option(
+        False,
+        "Run nothing; report what DIR holds by now, with --suite of that suite alone.",
+        "--report",
+    ),
     plan: bool = option(False, "Run nothing; say which runs are missing and their cost.", "--plan"),
     as_json: bool = json_option(),
 ) -> None:
@@ -108,7 +112,8 @@ def benchmark(
         from sada_gym.measures.reference import FOLDER
 
         known = references or FOLDER
-        if report:
+        source = context.get_parameter_source("suite")
+        if report and source is not None and source.name == "DEFAULT":
             _show_result(report_benchmark(folder, known, entries=entries), as_json)
             return
         chosen = choose(
@@ -122,6 +127,12 @@ def benchmark(
             samples=samples,
             images=images,
         )
+        if report:
+            of_suite = report_benchmark(
+                folder, known, entries=entries, tables=chosen.tables, tracks=chosen.tracks
+            )
+            _show_result(of_suite, as_json)
+            return
         if plan:
             outlook = plan_benchmark(chosen, folder, entries=entries, references=known)
             _show_outlook(outlook, as_json)

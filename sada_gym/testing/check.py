@@ -32,6 +32,9 @@ _CHECKS: Mapping[str, Callable[[Application], str]] = {
 }
 
 
+OnCheck = Callable[[str, Sequence["Check"]], object]
+"""Gets the name of each check before it runs, and what those before it found."""
+
 _PARAGRAPH = 120
 """Shorter sentences are told at each check that finds them."""
 
@@ -59,7 +62,11 @@ class CheckReport:
 
 
 def check_application(
-    application: Application, *, env: AdversaryEnv | None = None, subject: str | None = None
+    application: Application,
+    *,
+    env: AdversaryEnv | None = None,
+    subject: str | None = None,
+    on_check: OnCheck = lambda name, found: None,  # noqa: ARG005
 ) -> CheckReport:
     """Check an application against the contract; what it raises becomes a failed check.
 
@@ -67,18 +74,24 @@ def check_application(
         application: The application.
         env: The environment around it; by default a plain `AdversaryEnv`.
         subject: What the report calls it; by default a user's class, or the name of one of ours.
+        on_check: See `OnCheck`.
     """
+    checks: list[Check] = []
+
+    def run(name: str, check: Callable[[], str]) -> None:
+        on_check(name, tuple(checks))
+        checks.append(_run(name, check))
+
     declared, *rest = _CHECKS.items()
-    checks = [_run(declared[0], partial(declared[1], application))]
+    run(declared[0], partial(declared[1], application))
     if checks[0].passed:  # nothing else makes sense without
         env = AdversaryEnv(application) if env is None else env
-        checks += [_run(name, partial(check, application)) for name, check in rest]
-        checks += [
-            _run("environment", partial(rules.check_environment_steps, env)),
-            _run("check_env of Gymnasium", partial(_check_gymnasium, env)),
-            _run("check_env of Stable-Baselines3", partial(_check_sb3, env)),
-            _run("closing", partial(_check_closing, env)),
-        ]
+        for name, check in rest:
+            run(name, partial(check, application))
+        run("environment", partial(rules.check_environment_steps, env))
+        run("check_env of Gymnasium", partial(_check_gymnasium, env))
+        run("check_env of Stable-Baselines3", partial(_check_sb3, env))
+        run("closing", partial(_check_closing, env))
     kind = type(application)
     if subject is None and kind.__module__.startswith("sada_gym."):
         subject = f"{application.name}-v{application.version}"
@@ -100,26 +113,38 @@ def _gist(check: Check) -> str:
     return gist if len(check.sentence) > _PARAGRAPH else check.name
 
 
-def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
+def check_environment(
+    env_id: str,
+    *,
+    on_check: OnCheck = lambda name, found: None,  # noqa: ARG005
+    **env_kwargs: Any,
+) -> list[CheckReport]:
     """Check the application and environment behind a registered id, or of a TOML file.
+
+    `on_check` is told what goes on, see `OnCheck`.
 
     Raises:
         ValueError: If the id or a keyword is unknown, or it is no adversary environment.
     """
     if names_file(env_id):
-        return [check_application(make_application(env_id, **env_kwargs), subject=env_id)]
+        application = make_application(env_id, **env_kwargs)
+        return [check_application(application, subject=env_id, on_check=on_check)]
     env = make_env(env_id, **env_kwargs)
     if not isinstance(env, AdversaryEnv):
         raise UserError(
             f"Expected an AdversaryEnv behind {env_id!r}, got {type(env).__name__}. Check a file "
             "with its application instead: sada-gym check FILE.py."
         )
-    return [check_application(env.application, env=env, subject=env_id)]
+    return [check_application(env.application, env=env, subject=env_id, on_check=on_check)]
 
 
-def check_file(path: str | Path) -> list[CheckReport]:
-    """Check all applications of a Python file, see `load_applications`."""
-    return [check_application(application) for application in load_applications(path)]
+def check_file(
+    path: str | Path,
+    *,
+    on_check: OnCheck = lambda name, found: None,  # noqa: ARG005
+) -> list[CheckReport]:
+    """Check all applications of a Python file, see `load_applications` and `OnCheck`."""
+    return [check_application(one, on_check=on_check) for one in load_applications(path)]
 
 
 def load_applications(path: str | Path) -> list[Application]:

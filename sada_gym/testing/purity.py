@@ -26,6 +26,7 @@ def assert_pure(
     n: int = 70,
     seed: int = 0,
     sizes: Iterable[int] | None = None,
+    alone: int | None = None,
     other_process: bool = True,
 ) -> None:
     """Check that Q(mu, seed) is the same alone, in any batch, in any order, in another process.
@@ -35,6 +36,7 @@ def assert_pure(
         n: Number of worlds to compare.
         seed: Fixes the worlds.
         sizes: The batch sizes to try, 1 to n by default: about n * n / 2 evaluations.
+        alone: How many of the worlds to evaluate alone, all by default.
         other_process: Whether to compare with a fresh process as well; the application must be
             picklable then.
 
@@ -46,7 +48,7 @@ def assert_pure(
     rng = np.random.default_rng(seed)
     batches = [
         ("evaluated a second time", list(range(n))),
-        *(("evaluated alone", [i]) for i in range(n)),
+        *(("evaluated alone", [i]) for i in range(n if alone is None else alone)),
         *(
             (f"in a batch of {size}", [(7 * size + i) % n for i in range(size)])
             for size in (range(1, n + 1) if sizes is None else sizes)

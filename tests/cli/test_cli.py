@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 
 import sada_gym
 from sada_gym import adversaries
+from sada_gym.benchmark.suite import find_suite
 from sada_gym.cli import app
 from sada_gym.cli.console import Terminated, errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
@@ -79,6 +80,7 @@ HEAVY = ("torch", "scipy", "matplotlib", "pybullet", "stable_baselines3", "sklea
 def test_help_and_misspelt_names_are_light(command, more, tmp_path):
     code = """
 import sys
+from sada_gym.benchmark.suite import find_suite
 from sada_gym.cli import app
 try:
     app(sys.argv[2:], prog_name="sada-gym")
@@ -564,3 +566,33 @@ def test_a_stop_that_leaves_the_store_open_says_how_to_resume(tmp_path, monkeypa
         assert "--resume" in result.output
     else:
         assert "Nothing is kept" in result.output
+
+
+def test_a_stopped_check_prints_what_it_found(monkeypatch):
+    def stopped(env):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sada_gym.testing.check._check_gymnasium", stopped)
+    result = run("check", "SADA-Analytic-v0")
+    assert result.exit_code == 130
+    assert "Stopped. What was found so far:" in result.stderr
+    assert "purity" in result.stdout
+    assert "check_env of Stable-Baselines3" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    "given", [[], ["--suite", "quick"], ["--suite", "robot"]], ids=lambda given: " ".join(given)
+)
+def test_a_benchmarks_report_is_of_the_suite_that_is_named(given, monkeypatch, tmp_path):
+    asked = []
+
+    def report(folder, references, **chosen):
+        asked.append(chosen)
+        raise UserError("Expected finished runs.")
+
+    monkeypatch.setattr("sada_gym.benchmark.run.report_benchmark", report)
+    run("benchmark", "--report", "--out", tmp_path, *given)
+    (chosen,) = asked
+    suite = find_suite(given[1]) if given else None
+    assert chosen.get("tracks") == (suite.tracks if suite else None)
+    assert chosen.get("tables") == (suite.tables if suite else None)

@@ -218,10 +218,10 @@ def test_purity_is_checked_in_the_tile_in_force() -> None:
             sizes.add(len(mu))
             return super()._evaluate(mu, seeds)
 
-    assert check_purity(Large()).endswith("in batches of 1 to 91, permuted, with tile=90.")
+    assert check_purity(Large()).endswith("in batches of 2 to 91, permuted, with tile=90.")
     assert {64, 90, 91} <= sizes
     Large.tile = 10**9  # no size: another thing of the user's
-    assert check_purity(Large()).endswith("in batches of 1 to 70, permuted.")
+    assert check_purity(Large()).endswith("in batches of 2 to 64, permuted.")
 
 
 class NeighbourlyDetector(torch.nn.Module):
@@ -289,3 +289,11 @@ def test_what_is_no_python_file_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "notes.txt").write_text("")
     with pytest.raises(ValueError, match=r"Expected an existing Python file \(\*.py\), got '.*"):
         load_applications(tmp_path / name)
+
+
+def test_each_check_is_announced_with_what_was_found_before() -> None:
+    told: list[tuple[str, int]] = []
+    report = check_environment(
+        "SADA-Analytic-v0", on_check=lambda *now: told.append((now[0], len(now[1])))
+    )
+    assert told == [(check.name, i) for i, check in enumerate(report[0].checks)]
