@@ -6,6 +6,7 @@ and no weights.
 
 from typing import TYPE_CHECKING
 
+from sada_gym import arithmetic as arithmetic  # first: it chooses kernels before NumPy loads
 from sada_gym.application import Application, Outcomes, Scored
 from sada_gym.evaluation.problems import make_application
 from sada_gym.frames import Frame

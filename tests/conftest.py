@@ -11,10 +11,10 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
+import sada_gym  # isort: skip - registers the environments; first, as it chooses the kernels
+
 import pytest
 from forked import FORKSERVER
-
-import sada_gym  # registers the environments
 
 pytest.register_assert_rewrite("sada_gym.testing")
 

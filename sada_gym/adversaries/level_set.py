@@ -140,7 +140,8 @@ class LevelSet(FittedAdversary):
         """
         hits = queries.mu[queries.fooled(self.threshold)].astype(np.float64)
         beside = self._step(hits[in_turn(each, len(hits), self.rng)])
-        likely = np.argsort(-p)[: max(each, int(self.options.volume * p.sum()))]
+        # stable: the order of equal chances would depend on the processor
+        likely = np.argsort(-p, kind="stable")[: max(each, int(self.options.volume * p.sum()))]
         inside = pool[self.rng.choice(likely, each, replace=False)]
         tried = evaluate(np.concatenate([beside, inside]), oracle)
         fooled = tried.fooled(self.threshold)

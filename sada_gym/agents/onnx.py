@@ -49,6 +49,8 @@ def load_onnx(
 class OnnxNetwork(ExportedNetwork):
     """A network of an ONNX file; `data` holds weights that lay beside it."""
 
+    packages = ("onnxruntime",)
+
     def __init__(
         self,
         path: Path,

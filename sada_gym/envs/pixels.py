@@ -37,7 +37,8 @@ def ranked(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
     A share of a sky of such values is clouds of exactly this cover.
     """
-    ranks = values.ravel().argsort().argsort().reshape(values.shape)
+    # stable: the order of equal values would depend on the processor
+    ranks = values.ravel().argsort(kind="stable").argsort().reshape(values.shape)
     return ranks / ranks.size
 
 

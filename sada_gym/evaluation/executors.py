@@ -11,6 +11,7 @@ from contextlib import ExitStack, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from sada_gym.arithmetic import arithmetic
 from sada_gym.environment_variables import set_environment_variables
 from sada_gym.errors import MissingExtra, UserError, check_integer
 from sada_gym.evaluation.spawn import spawn_context
@@ -205,4 +206,5 @@ def _versions() -> dict[str, str]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "(none)"
+    versions["arithmetic:"] = arithmetic()
     return versions

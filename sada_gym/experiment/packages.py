@@ -10,7 +10,10 @@ from importlib import metadata
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+from sada_gym.arithmetic import arithmetic, warn_of_others
 from sada_gym.cards import find_card
+
+ARITHMETIC = "arithmetic"
 
 version = functools.cache(metadata.version)  # which parses a file each time
 
@@ -38,15 +41,34 @@ _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
     """Return the versions of Python and of those packages that can change a run's result.
 
+    `arithmetic` among them says with which kernels they compute, see `sada_gym.arithmetic`.
+
     A class of a user's own may name its packages in an attribute `packages`, a tuple of names as
     pip knows them. Without it all the packages count that any of our own needs.
     """
     names = {*_EVERY_RUN, *_of_application(application), *_of_adversary(adversary)}
+    names.update(getattr(application.agent, "packages", ()))
     versions = {"python": platform.python_version()}
     for name in names:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = version(name)
+    versions[ARITHMETIC] = arithmetic()
+    warn_of_others(versions[ARITHMETIC])
+    if "onnxruntime" in names:
+        versions[ARITHMETIC] += ", and this processor's own of onnxruntime"
     return in_order(versions)
+
+
+def installed(name: str) -> str:
+    """Return what an entry of `packages` is in this process; `missing` without that package."""
+    if name == "python":
+        return platform.python_version()
+    if name == ARITHMETIC:
+        return arithmetic()
+    try:
+        return version(name)
+    except metadata.PackageNotFoundError:
+        return "missing"
 
 
 def in_order(versions: Mapping[str, str]) -> dict[str, str]:

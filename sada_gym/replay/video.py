@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +16,7 @@ from sada_gym.clips.shots import Clip
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations, fools
 from sada_gym.experiment.finished import check_samples, open_target, read_run
-from sada_gym.experiment.packages import version
+from sada_gym.experiment.packages import installed
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
@@ -209,10 +207,7 @@ def _play(
 def _reason(settings: RunSettings) -> str:
     changed = []
     for name, before in settings.packages.items():
-        try:
-            now = platform.python_version() if name == "python" else version(name)
-        except metadata.PackageNotFoundError:
-            now = "missing"
+        now = installed(name)
         if now != before:
             changed.append(f"{name} was {before} and is {now}")
     if changed:

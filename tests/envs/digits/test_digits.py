@@ -159,7 +159,7 @@ def test_chosen_parameters_stand_in_the_order_given():
 
 
 def test_golden_scores():
-    """Scores that published results rest on; other processors differ in the last digits."""
+    """Scores that published results rest on; other arithmetic differs in the last digits."""
     mu = np.round(np.random.default_rng(42).uniform(-1, 1, (8, 6)), 2)
     score = ANY.evaluate(mu, range(100, 108)).score
     np.testing.assert_allclose(score, GOLDEN, atol=1e-5)

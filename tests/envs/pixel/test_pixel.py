@@ -98,7 +98,7 @@ def test_the_agent_is_the_digits():
 
 
 def test_golden_scores():
-    """Scores that published results rest on; other processors differ in the last digits."""
+    """Scores that published results rest on; other arithmetic differs in the last digits."""
     mu = np.sign(np.random.default_rng(42).uniform(-1, 1, (6, 64)))
     scores = [
         PixelApplication(image, radius=0.4).evaluate(row[None], [0]).score[0]
