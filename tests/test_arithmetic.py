@@ -108,7 +108,7 @@ def test_a_run_records_its_arithmetic():
     application = make_application("SADA-Analytic-v0")
     recorded = packages(application, registry.find("random"))
     assert recorded["arithmetic"] == arithmetic() == installed("arithmetic")
-    assert installed("no-such-package") == "missing"
+    assert installed("no-such-package") == "not installed"
 
 
 def test_other_kernels_are_told_once_with_what_mends_it():

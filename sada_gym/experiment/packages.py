@@ -60,15 +60,15 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
 
 
 def installed(name: str) -> str:
-    """Return what an entry of `packages` is in this process; `missing` without that package."""
+    """Return what an entry of `packages` is in this process; `not installed` without that package."""
     if name == "python":
         return platform.python_version()
     if name == ARITHMETIC:
         return arithmetic()
     try:
         return version(name)
-    except metadata.PackageNotFoundError:
-        return "missing"
+    except (metadata.PackageNotFoundError, ValueError):  # a name that no package has
+        return "not installed"
 
 
 def in_order(versions: Mapping[str, str]) -> dict[str, str]:

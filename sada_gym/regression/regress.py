@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.stored import OnScores, stored_scores
 from sada_gym.evaluations import fools
 from sada_gym.experiment.differences import differences
-from sada_gym.experiment.packages import version
+from sada_gym.experiment.packages import installed
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import OneLine, Strict, parse_toml, shown
 from sada_gym.mapping import map_samples
@@ -269,20 +267,12 @@ def _differences(item: Item, suite: Path, now: OpenTarget) -> tuple[str, ...]:
             f"{item.target.fooling_threshold:g}, by which this suite is judged"
         )
     for name, before in item.packages.items():
-        installed = _installed(name)
-        if installed != before:
-            told.append(f"{name} was {before} and is {installed or 'not installed'}")
+        now_installed = installed(name)
+        if now_installed != before:
+            told.append(f"{name} was {before} and is {now_installed}")
     if item.agent_file is not None:
         path = suite.parent / item.agent_file.path
         with suppress(OSError):
             if hashlib.sha256(path.read_bytes()).hexdigest() != item.agent_file.sha256:
                 told.append(f"{item.agent_file.path} is another file than when it was exported")
     return tuple(map(shown, told))
-
-
-def _installed(name: str) -> str | None:
-    if name == "python":
-        return platform.python_version()
-    with suppress(metadata.PackageNotFoundError, ValueError):
-        return version(name)
-    return None

@@ -22,7 +22,7 @@ from sada_gym.experiment.packages import in_order, packages
 def test_only_what_the_run_loads_counts():
     application = make_application("SADA-Analytic-v0")
     versions = packages(application, Random)
-    assert list(versions) == ["python", "sada_gym", "gymnasium", "numpy", "scipy"]
+    assert list(versions) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "arithmetic"]
     assert versions["numpy"] == np.__version__
     assert packages(application, type(adversaries.make("svm", 2)))["scikit-learn"]
 
@@ -56,7 +56,15 @@ def test_a_class_of_ones_own_may_name_its_packages():
         packages = ()
 
     versions = packages(Own(), OwnGreedy)
-    assert list(versions) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "rich"]
+    assert list(versions) == [
+        "python",
+        "sada_gym",
+        "gymnasium",
+        "numpy",
+        "scipy",
+        "arithmetic",
+        "rich",
+    ]
     assert "torch" in packages(Toy(), OwnGreedy)  # nothing is known of it: all may count
 
 
