@@ -60,7 +60,7 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
 
 
 def installed(name: str) -> str:
-    """Return what an entry of `packages` is in this process; `not installed` without that package."""
+    """Return what an entry of `packages` is here; `not installed` without that package."""
     if name == "python":
         return platform.python_version()
     if name == ARITHMETIC:
