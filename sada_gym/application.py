@@ -144,6 +144,11 @@ class Application(ABC):
         """
         return ""
 
+    @property
+    def _own_code(self) -> tuple[Any, ...]:
+        """Classes and functions whose code decides a score, besides the agent's."""
+        return (type(self),)
+
     @abstractmethod
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""

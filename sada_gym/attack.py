@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
@@ -191,7 +192,7 @@ def attack(
         with file_errors("make the folder", folder):
             reserved = reserve_folder(folder, settings, resume=resume)
             if isinstance(environment, str) and names_file(environment):
-                write_file(folder / SOURCE_FILE, f"{Path(environment).absolute()}\n".encode())
+                write_file(folder / SOURCE_FILE, os.fsencode(Path(environment).absolute()))
         outcome = read_finished(folder, settings, opened.dimension) if resume else None
         was_finished = outcome is not None
         if outcome is None:

@@ -10,12 +10,15 @@ import difflib
 import operator
 import re
 import traceback
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import PurePath
 
 _LONGEST = 300
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{6,}\b")
+_OBEYED = {"Cc", "Cs", "Zl", "Zp"}
+_TURNING = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
 
 
 class UserError(ValueError):
@@ -31,7 +34,7 @@ class InvalidWorld(UserError):  # noqa: N818 - reads as what happened
 
     def __init__(self, message: str, reason: str = "") -> None:
         super().__init__(message)
-        self.reason = reason or message
+        self.reason = plain(reason or message)
 
 
 class FileError(UserError):
@@ -119,6 +122,37 @@ def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> Non
             raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
 
 
+def is_plain(text: str) -> bool:
+    """Say whether a text is in one line, and holds nothing that a terminal obeys.
+
+    These are control characters, lone surrogates, and what turns the direction of writing. Letters,
+    spaces and emoji of any kind are plain.
+    """
+    return text.isprintable() or not any(map(_is_obeyed, text))
+
+
+def plain(text: str) -> str:
+    """Escape what is not plain, such as line breaks; UTF-8 can hold the result."""
+    if is_plain(text):
+        return text
+    escaped = (c.encode("unicode_escape").decode() if _is_obeyed(c) else c for c in text)
+    return "".join(escaped)
+
+
+def _is_obeyed(character: str) -> bool:
+    kind, direction = unicodedata.category(character), unicodedata.bidirectional(character)
+    return kind in _OBEYED or direction in _TURNING
+
+
+def check_plain(what: str, text: str) -> None:
+    """Raise `UserError` for a text of a user's that is not plain; `what` names it."""
+    if not isinstance(text, str) or not is_plain(text):
+        raise UserError(
+            f"Expected {what} in one line, without control characters and lone surrogates, got "
+            f"{text!a}. Rename it."
+        )
+
+
 @contextmanager
 def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) -> Iterator[None]:
     """Turn what a user's code or file raises in this block into a `UserError`.
@@ -142,10 +176,14 @@ def described(error: BaseException) -> str:
 
     Addresses of objects are left out, so that the same error reads the same in every process.
     """
-    name, told = type(error).__name__, str(error).strip()
+    name = type(error).__name__
+    try:
+        told = str(error).strip()
+    except Exception:  # whatever a user's __str__ may raise
+        told = ""
     if "Traceback" in told:  # TorchScript's, for example: its last line says what is wrong
         told = told.splitlines()[-1].removeprefix(f"{name}: ")
-    message = " ".join(told.split()).rstrip(".")
+    message = plain(" ".join(told.split())).rstrip(".")
     if not message:
         place = traceback.extract_tb(error.__traceback__)[-1:]
         where = [f" at {PurePath(at.filename).name}:{at.lineno} ({at.line})" for at in place]

@@ -14,7 +14,7 @@ import numpy as np
 from sada_gym.application import Application
 from sada_gym.arrays import Bools, Indices
 from sada_gym.behaviour import Behaviour, Behaviours, Plain
-from sada_gym.errors import FileError, Notice, UserTypeError, check_integer
+from sada_gym.errors import FileError, Notice, UserTypeError, check_integer, described
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.finished import check_samples, open_target, read_run
@@ -301,7 +301,7 @@ def _play(application: Application, samples: Evaluations) -> tuple[Behaviour, ..
         if len(played) != len(samples) or not sound:
             raise UserTypeError(f"expected {len(samples)} objects of Behaviour, got {played!r}")
     except Exception as error:  # a user's code, too, and must not cost the result
-        reason = shown(f"{type(application).__name__}.behaviours: {type(error).__name__}: {error}")
+        reason = shown(f"{type(application).__name__}.behaviours: {described(error)}")
         warnings.warn(f"What the agent did is left out. {reason}", Notice, stacklevel=3)
         return ()
     return played

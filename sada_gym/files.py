@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+import re
 import shutil
 import stat
 import struct
@@ -24,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from sada_gym.errors import FileError, UserError, UserTypeError
+from sada_gym.errors import FileError, UserError, UserTypeError, is_plain, plain
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -59,6 +60,8 @@ _DAMAGE = (
 """The errors that zipfile and NumPy raise for damaged content."""
 
 _MAX_SHOWN = 300
+_ESCAPES = re.compile(r"\\\\|\\ud[89ab]..\\ud[c-f]..|(\\ud[89a-f])")
+"""A backslash in JSON, a pair of surrogates, or, as group 1, the beginning of a lone one."""
 
 _OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 
@@ -73,7 +76,7 @@ Model = TypeVar("Model", bound=Strict)
 
 
 def _printable(text: str) -> str:
-    if not text.isprintable():
+    if not is_plain(text):
         raise ValueError(f"expected text in one line, got control characters in {text!r}")
     return text
 
@@ -100,16 +103,27 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
     except OSError as error:
         reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}. Name another place")
         raise FileError(f"Expected to {what} {path}, but {reason}.") from error
+    except UserError:
+        raise
     except ValueError as error:
-        if isinstance(error, UserError) or "\0" not in str(path):
+        if not path.name:
+            raise FileError(f"Expected to {what} a file, got {str(path)!r}. Name one.") from error
+        if not isinstance(error, UnicodeEncodeError) and "\0" not in str(path):
             raise
         raise FileError(
-            f"Expected to {what} {str(path)!r}, but its name holds a NUL. Name another place."
+            f"Expected to {what} {str(path)!r}, but its name holds a NUL or half a character. Name "
+            "another place."
         ) from error
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file beside its place, then rename it: all of it or nothing (`FileError`)."""
+def write_file(path: Path, content: bytes | str) -> None:
+    """Write a file beside its place, then rename it: all of it or nothing (`FileError`).
+
+    A text is written as UTF-8. Lone surrogates, as in names of files that are not UTF-8, are
+    escaped.
+    """
+    if isinstance(content, str):
+        content = content.encode(errors="backslashreplace")
     with file_errors("write", path):
         beside = _place_beside(path)
         # a link that somebody put there since would be refused, not followed
@@ -178,7 +192,9 @@ def _place_beside(path: Path, ending: str = "tmp") -> Path:
 def write_model(path: Path, model: Strict) -> None:
     """Write a model as JSON; raise `FileError` if it cannot be written."""
     text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
-    write_file(path, f"{text}\n".encode())
+    if "\\ud" in text:  # readers refuse a lone surrogate
+        text = _ESCAPES.sub(lambda found: f"\\{found[0]}" if found[1] else found[0], text)
+    write_file(path, f"{text}\n")
 
 
 def read_model(path: Path, kind: type[Model]) -> Model:
@@ -207,8 +223,8 @@ def first_error(error: ValidationError, whole: str = "the file") -> str:
 
 def shown(text: str) -> str:
     """Cut a text from a file for a message, and escape what a terminal would obey."""
-    plain = text if text.isprintable() else ascii(text)[1:-1]
-    return plain if len(plain) <= _MAX_SHOWN else f"{plain[:_MAX_SHOWN]}..."
+    escaped = plain(text)
+    return escaped if len(escaped) <= _MAX_SHOWN else f"{escaped[:_MAX_SHOWN]}..."
 
 
 def read_toml(path: Path) -> dict[str, Any]:

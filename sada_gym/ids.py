@@ -4,16 +4,35 @@ from __future__ import annotations
 
 import difflib
 import importlib
+from dataclasses import replace
+from typing import Any
 
 import gymnasium as gym
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, described
 
 
 def names_file(env_id: str) -> bool:
     """Whether a name stands for a TOML file with an application, and not for an id."""
     return env_id.lower().endswith(".toml")
+
+
+def sent_spec(env_id: object) -> EnvSpec | None:
+    """Return the specification of an id that a script registered: workers may not know it."""
+    spec = gym.registry.get(env_id) if isinstance(env_id, str) else None
+    if spec is None or str(spec.entry_point).startswith(("gymnasium.", "sada_gym.")):
+        return None
+    if str(spec.entry_point).startswith("__main__:"):
+        creator: Any = load_env_creator(str(spec.entry_point))
+        return replace(spec, entry_point=creator)
+    return spec
+
+
+def receive_spec(spec: EnvSpec | None) -> None:
+    """Register an id that `sent_spec` sent, if it is not known here."""
+    if spec is not None:
+        gym.registry.setdefault(spec.id, spec)
 
 
 def find_spec(env_id: str) -> EnvSpec:
@@ -33,7 +52,7 @@ def find_spec(env_id: str) -> EnvSpec:
         except (Exception, SystemExit) as error:  # whatever a user's module may raise
             raise UserError(
                 f"Expected to import {module!r} for {env_id!r}, but the module raised "
-                f"{type(error).__name__}: {error}. Mend the module."
+                f"{described(error)}. Mend the module."
             ) from error
     if name not in gym.registry:
         close = difflib.get_close_matches(name, gym.registry, n=3, cutoff=0.5)

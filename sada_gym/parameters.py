@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import Floats, Floats32, as_array, real_numbers
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, check_plain
 
 _LONGEST_NAME = 100
+_LARGE = 1e12
 _MANTISSAS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 
 Mu = npt.NDArray[np.float32]
@@ -51,12 +52,14 @@ class Parameter:
         """Check the name, the range and the directions."""
         if not isinstance(self.name, str) or not self.name:
             raise UserTypeError(f"Expected a parameter's name to be a text, got {self.name!r}.")
-        if len(self.name) > _LONGEST_NAME or not (self.name + self.unit).isprintable():
+        if len(self.name) > _LONGEST_NAME:
             raise UserError(
                 f"Expected a parameter's name in one line of at most {_LONGEST_NAME} characters, "
-                f"and a unit in one line, got {self.name[: 2 * _LONGEST_NAME]!r} and "
-                f"{self.unit[:_LONGEST_NAME]!r}."
+                f"got {self.name[: 2 * _LONGEST_NAME]!r}."
             )
+        check_plain("a parameter's name", self.name)
+        for text in (self.unit, *self.choices, *self.directions):
+            check_plain(f"a unit, choice or direction of {self.name!r}", text)
         ends = (self.low, self.high)
         numbers = all(isinstance(end, int | float | np.number) for end in ends)
         finite = numbers and all(abs(end) <= sys.float_info.max for end in ends)
@@ -157,7 +160,7 @@ class Parameter:
 
 def number(value: float) -> str:
     """Write a number with three digits and a real minus sign."""
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+    text = f"{value:,.0f}" if 1000 <= abs(value) < _LARGE else f"{value:.3g}"
     return text.replace("-", "\N{MINUS SIGN}")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sada_gym.errors import MissingExtra, UserError, check_known
+from sada_gym.errors import MissingExtra, UserError, check_known, described
 from sada_gym.lazy import load
 
 
@@ -35,5 +35,5 @@ def find_part(kind: str, name: str, table: Mapping[str, str]) -> Any:
             raise  # one of ours: a bug
         raise UserError(
             f"Expected to import {name.partition(':')[0]!r} for the {kind} {name!r}, but the "
-            f"module raised {type(error).__name__}: {error}. Mend the module."
+            f"module raised {described(error)}. Mend the module."
         ) from error

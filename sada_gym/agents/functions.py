@@ -14,7 +14,7 @@ import numpy as np
 
 from sada_gym.agents.contract import Indices
 from sada_gym.determinism import generators_kept, one_thread
-from sada_gym.errors import UserError, UserTypeError, explained
+from sada_gym.errors import UserError, UserTypeError, described, explained
 
 
 class _OneByOne(ABC):
@@ -46,7 +46,7 @@ class _OneByOne(ABC):
                 except Exception as error:  # whatever a user's function may raise
                     raise UserError(
                         f"Expected an action from {self._name} at {episodes.where(i)} for the "
-                        f"observation {_short(observation)}, got {type(error).__name__}: {error}. "
+                        f"observation {_short(observation)}, got {described(error)}. "
                         f"{self._called}"
                     ) from error
         return actions

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from inspect import ismethod
 from typing import TYPE_CHECKING, Any
 
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, check_plain
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -98,6 +98,7 @@ def check_agent_id(agent_id: Any) -> None:
         raise UserTypeError(
             f"Expected agent_id to be a name, a str, got {agent_id!r}. Pass agent_id='my-agent-1'."
         )
+    check_plain("agent_id", agent_id or "")
 
 
 def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:

@@ -15,7 +15,7 @@ import torch
 from gymnasium import spaces
 
 from sada_gym.agents.tile import ALONE, Batch
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, described
 
 MASKS, SEEDS, STATE = "(action masks)", "(seeds)", "(state)"
 """Keys that a tile may have beside its observations: which actions are valid, (n, k) bool; what the
@@ -163,7 +163,7 @@ class ModelCall:
                 for key, value in keywords.items()
             )
             raise UserError(
-                f"Expected actions from {name}, got {type(error).__name__}: {error}. It is called "
+                f"Expected actions from {name}, got {described(error)}. It is called "
                 f"as predict({', '.join(['observations', *filter(None, [shown])])}), with a batch "
                 "of observations."
             ) from error

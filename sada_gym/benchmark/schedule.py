@@ -19,7 +19,7 @@ from sada_gym.benchmark.folder import RunDone, store_file, write_costs
 from sada_gym.benchmark.job import RunError, RunJob, do_run
 from sada_gym.benchmark.plan import Group, Plan
 from sada_gym.benchmark.progress import BenchmarkCallback, can_read, progress_folder, read_progress
-from sada_gym.errors import UserError, WorkerError
+from sada_gym.errors import UserError, WorkerError, described
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import WorkerPool
 from sada_gym.experiment.record import RunSettings
@@ -201,6 +201,6 @@ class _Schedule:
 
 def _gave_up(what: str, error: BaseException) -> WorkerError:
     return WorkerError(
-        f"The executor gave up on {what} ({type(error).__name__}: {error}). What is finished is "
+        f"The executor gave up on {what} ({described(error)}). What is finished is "
         "kept; run the same command again when its workers are back."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shlex
@@ -16,12 +17,28 @@ from typing import Any, TextIO
 import typer
 from pydantic_core import to_jsonable_python
 from rich.console import Console
+from rich.segment import Segment
 from rich.table import Table
 
-from sada_gym.errors import BudgetExhausted, Notice, UserError, WorkerError
+from sada_gym.errors import BudgetExhausted, Notice, UserError, WorkerError, is_plain, plain
 
-out = Console()
-err = Console(stderr=True)
+
+class PlainConsole(Console):
+    """Escapes what a terminal would obey in texts that others wrote, such as an agent's error."""
+
+    def render(self, *args: Any, **kwargs: Any) -> Iterator[Segment]:
+        """Render as ever, but for such characters."""
+        for segment in super().render(*args, **kwargs):
+            is_safe = segment.control or is_plain(segment.text)
+            yield segment if is_safe else Segment(_visible(segment.text), segment.style)
+
+
+def _visible(text: str) -> str:
+    return "\n".join(map(plain, text.split("\n")))
+
+
+out = PlainConsole()
+err = PlainConsole(stderr=True)
 
 _debug = False
 _document: TextIO = sys.stdout
@@ -124,10 +141,12 @@ def errors_as_sentences() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             yield
-    except (UserError, BudgetExhausted, WorkerError) as error:
-        if _debug:
+    except (UserError, BudgetExhausted, WorkerError, OSError) as error:
+        is_long = isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG
+        if _debug or (isinstance(error, OSError) and not is_long):
             raise
-        say(str(error), lead="[bold red]Error:[/] ", console=err)
+        told = "Expected names of files that the system takes, got one that is too long."
+        say(told if is_long else str(error), lead="[bold red]Error:[/] ", console=err)
         raise typer.Exit(1 if isinstance(error, WorkerError) else 2) from error
 
 
@@ -142,7 +161,8 @@ def _show_warning(
     if issubclass(category, Notice):
         say(str(message), console=err)
     else:
-        sys.stderr.write(warnings.formatwarning(str(message), category, filename, lineno))
+        text = warnings.formatwarning(_visible(str(message)), category, filename, lineno)
+        sys.stderr.write(text)
 
 
 def say(text: str, *, lead: str = "", console: Console = out) -> None:

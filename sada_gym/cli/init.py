@@ -70,7 +70,7 @@ def init(
         starter = starter_file(
             env_id, agent, env_kwargs=keywords, max_steps=max_steps, folder=file.parent
         )
-        write_file(file, starter.text.encode())
+        write_file(file, starter.text)
     if as_json:
         print_json({"file": str(file), "text": starter.text, "notes": starter.notes})
         return

@@ -57,7 +57,7 @@ def regress(
         if junit is not None:
             write_file(junit, as_junit(result))
         if markdown is not None:
-            write_file(markdown, as_markdown(result).encode())
+            write_file(markdown, as_markdown(result))
     if as_json:
         print_json(result)
         raise typer.Exit(result.exit_code)

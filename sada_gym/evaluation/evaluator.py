@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,14 @@ import numpy as np
 
 from sada_gym.application import INFEASIBLE, Application, check_declared
 from sada_gym.arrays import Floats
-from sada_gym.errors import SlowWorlds, StoreError, UserError, UserTypeError, check_integer
+from sada_gym.errors import (
+    Notice,
+    SlowWorlds,
+    StoreError,
+    UserError,
+    UserTypeError,
+    check_integer,
+)
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
@@ -83,6 +91,15 @@ class Evaluator:
                     f"Expected env_kwargs only with an environment id, got {dict(env_kwargs)} with "
                     f"{problem!r}. Give them to the application itself."
                 )
+        if workers > 1 and executor is None and current_process().daemon:
+            # Celery's and multiprocessing.Pool's
+            warnings.warn(
+                "A daemonic process may start no workers: this one evaluates alone, with the same "
+                "result. Pass an executor to have workers.",
+                Notice,
+                stacklevel=2,
+            )
+            workers = 1
         self.workers = workers
         self._built_here = isinstance(source, Registered)
         self._scorer = source.build() if isinstance(source, Registered) else source

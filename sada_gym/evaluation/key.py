@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from typing import Any
 
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.errors import StoreError, UserTypeError
+from sada_gym.errors import StoreError, UserTypeError, check_plain
+from sada_gym.evaluation.sources import own_sources
 from sada_gym.files import Strict
 
 
@@ -18,8 +20,10 @@ class ApplicationKey(Strict):
     Attributes:
         name: The application's name.
         version: Its version.
-        settings: Its resolved keywords.
-        fingerprint: The SHA-256 of the agent and of whatever else decides the score.
+        settings: Its resolved keywords. Where it is a user's own, or its environment is, they hold
+            the code, see `own_sources`.
+        fingerprint: The SHA-256 of the agent and of whatever else decides the score; of an agent of
+            a user's own with its code.
     """
 
     name: str
@@ -42,6 +46,8 @@ class ApplicationKey(Strict):
                 f"Expected name to be a text and version an int in {kind}, got {name!r} and "
                 f"{version!r}. Set them in the class."
             )
+        check_plain(f"name of {kind}", name)
+        check_plain(f"agent_name of {kind}", application.agent_name)
         if fingerprint is not None and not isinstance(fingerprint, str):
             raise UserTypeError(
                 f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
@@ -55,6 +61,11 @@ class ApplicationKey(Strict):
                 f"Expected JSON-compatible settings from {kind}.settings, got "
                 f"{application.settings!r} ({error}). Return numbers, strings, lists, None."
             ) from error
+        if sources := own_sources(application._own_code):
+            settings["source_sha256"] = sources
+        if sources := own_sources([] if application.agent is None else [application.agent]):
+            text = json.dumps([fingerprint, sources])
+            fingerprint = hashlib.sha256(text.encode()).hexdigest()
         return cls(name=name, version=version, settings=settings, fingerprint=fingerprint)
 
     @property

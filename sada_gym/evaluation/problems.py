@@ -16,7 +16,7 @@ from sada_gym.application import Application
 from sada_gym.arrays import Floats, real_scores
 from sada_gym.determinism import single_threaded
 from sada_gym.errors import UserError, check_known
-from sada_gym.ids import find_spec, names_file
+from sada_gym.ids import find_spec, names_file, receive_spec, sent_spec
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 
@@ -91,6 +91,15 @@ class Registered:
 
     env_id: str
     env_kwargs: Mapping[str, Any]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Take an id's specification along, as `EnvFactory` does."""
+        return {**self.__dict__, "sent": sent_spec(self.env_id)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Register the id."""
+        receive_spec(state.pop("sent"))
+        self.__dict__.update(state)
 
     def build(self) -> Application:
         """Build the application."""

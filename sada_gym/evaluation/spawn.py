@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
@@ -40,6 +41,26 @@ class _Process(SpawnProcess):
 
 class _Context(SpawnContext):
     Process = _Process
+
+
+@contextmanager
+def without_main() -> Iterator[None]:
+    """Let processes that start in this block not run the parent's script as a module.
+
+    They get what they need by value. So a script needs no `if __name__ == "__main__":`.
+    """
+    prepare = spawn.get_preparation_data
+
+    def prepare_without(name: str) -> dict[str, object]:
+        prepared = prepare(name)
+        return {key: value for key, value in prepared.items() if not key.startswith("init_main")}
+
+    with _lock:
+        spawn.get_preparation_data = prepare_without
+        try:
+            yield
+        finally:
+            spawn.get_preparation_data = prepare
 
 
 def spawn_context() -> SpawnContext:

@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children
@@ -19,12 +19,14 @@ from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
+import cloudpickle
+
 from sada_gym.application import Application
 from sada_gym.environment_variables import environment_variables
-from sada_gym.errors import UserError, UserTypeError, WorkerError
+from sada_gym.errors import UserError, UserTypeError, WorkerError, described
 from sada_gym.evaluation import watch
 from sada_gym.evaluation.problems import Answer, Registered, Scorer, score
-from sada_gym.evaluation.spawn import spawn_context
+from sada_gym.evaluation.spawn import spawn_context, without_main
 from sada_gym.parameters import Mu
 
 MAX_WORKERS = 1_024
@@ -55,23 +57,34 @@ class PortableScorer:
     """A scorer made portable: it can be sent to any process, and is loaded once in each.
 
     Its payload is pickled; it is None where the process got it when it started, by its digest.
+    With `main` the process must have run the script that sends it.
     """
 
     payload: bytes | None
     key: str
+    main: bool = False
 
     @classmethod
     def of(cls, source: Registered | Scorer) -> PortableScorer:
-        """Pickle a source; raise `UserTypeError` if it cannot be pickled."""
+        """Pickle a source; raise `UserTypeError` if it cannot be pickled.
+
+        Lambdas, closures and the classes of a script or a notebook are sent by value. Where these
+        hold what cannot be sent, such as a lock, a script's objects go by name.
+        """
+        main = False
         try:
-            payload = pickle.dumps(source)
-        except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
-            raise UserTypeError(
-                "Expected something that can be pickled and sent to worker processes, got "
-                f"{source!r} ({error}). Define it at the module level of an importable file "
-                "(no lambda, no closure), or use workers=1."
-            ) from error
-        return cls(payload, hashlib.sha256(payload).hexdigest())
+            payload = cloudpickle.dumps(source)
+        except Exception as error:  # whatever an object's own __reduce__ raises
+            main = True
+            try:
+                payload = pickle.dumps(source)
+            except Exception:
+                raise UserTypeError(
+                    "Expected something that can be pickled and sent to worker processes, got "
+                    f"{source!r} ({described(error)}). Leave out open files, locks and "
+                    "connections, or use workers=1."
+                ) from error
+        return cls(payload, hashlib.sha256(payload).hexdigest(), main)
 
     @property
     def size(self) -> int:
@@ -91,11 +104,11 @@ class PortableScorer:
             payload = _payloads[self.key] if self.payload is None else self.payload
             source: Registered | Scorer = pickle.loads(payload)
             return source.build() if isinstance(source, Registered) else source
-        except UserError:  # it says itself what is wrong, such as an agent that is gone
+        except (UserError, WorkerError):  # such as an agent that is gone
             raise
         except Exception as error:
             raise WorkerError(
-                f"A worker process could not load the problem ({type(error).__name__}: {error}). "
+                f"A worker process could not load the problem ({described(error)}). "
                 "Define it at the module level of an importable file, or use workers=1."
             ) from error
 
@@ -143,7 +156,8 @@ class WorkerPool:
             initargs=(watched, task, self._warnings, self._watched, numbers),
         )
         before = set(active_children())
-        with inherited_settings():
+        by_value = task is not None and not task.main
+        with inherited_settings(), without_main() if by_value else nullcontext():
             # any call: the pool starts a process for it
             self._started = [self.executor.submit(os.getpid) for _ in range(workers)]
         self._processes = set(active_children()) - before

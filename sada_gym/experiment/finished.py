@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
 def source_of(folder: Path) -> str | None:
     """Return the TOML file that described what a run attacked; None where no file did."""
     source = folder / SOURCE_FILE
-    return read_file(source, MAX_TOML_BYTES).decode().strip() if source.is_file() else None
+    return os.fsdecode(read_file(source, MAX_TOML_BYTES)).strip() if source.is_file() else None
 
 
 def check_samples(samples: Evaluations, opened: OpenTarget) -> None:

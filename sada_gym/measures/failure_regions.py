@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 
 from sada_gym.arrays import Bools, Floats
+from sada_gym.errors import plain
 from sada_gym.files import OneLine, Strict
 from sada_gym.parameters import Mu, Parameter, ParameterSpace, number
 
@@ -269,8 +270,8 @@ def short_label(parameter: Parameter) -> str:
 
 
 def in_one_line(text: str) -> str:
-    """Replace letters that are not printable by spaces."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
+    """Escape line breaks and control characters."""
+    return plain(text)
 
 
 def _runs(cells: Bools) -> list[tuple[int, int]]:

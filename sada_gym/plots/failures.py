@@ -11,6 +11,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application, isolated_rng
+from sada_gym.errors import described
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import Frame, LegendEntry, Mark, as_frame
 from sada_gym.parameters import ParameterSpace
@@ -53,7 +54,7 @@ def draw_failures(
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result
-            raise NotDrawnError(f": {source} raised {type(error).__name__}: {error}") from error
+            raise NotDrawnError(f": {source} raised {described(error)}") from error
 
     with isolated_rng(application):
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
@@ -91,7 +92,7 @@ def _legend(application: Application) -> tuple[LegendEntry, ...]:
     try:
         entries = tuple(application.legend)
     except Exception as error:  # a user's code
-        raise NotDrawnError(f": {name}.legend raised {type(error).__name__}: {error}") from error
+        raise NotDrawnError(f": {name}.legend raised {described(error)}") from error
     for entry in entries:
         if (
             not isinstance(entry, LegendEntry)

@@ -14,7 +14,7 @@ import numpy as np
 from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.application import Application
 from sada_gym.arrays import Indices
-from sada_gym.errors import FileError, UserError, check_integer
+from sada_gym.errors import FileError, UserError, check_integer, plain
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.finished import (
@@ -304,6 +304,6 @@ def _file(agent: object, folder: Path, suite: Path) -> File | None:
 
 def _relative(path: Path, suite: Path) -> str:
     try:
-        return Path(os.path.relpath(path, suite.parent)).as_posix()
+        return plain(Path(os.path.relpath(path, suite.parent)).as_posix())
     except ValueError:  # another drive
         return path.absolute().as_posix()

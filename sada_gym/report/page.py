@@ -60,7 +60,7 @@ def page(run: ReportedRun, other: ReportedRun | None = None) -> bytes:
         policy=policy,
         version=__version__,
         **more,
-    ).encode()
+    ).encode(errors="backslashreplace")
 
 
 def _plotted(view: RunView, runs: int) -> dict[str, Any]:

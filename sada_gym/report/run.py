@@ -12,7 +12,7 @@ import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, Example, read_diagnosis
-from sada_gym.errors import FileError, StoreError, UserError, WorkerError
+from sada_gym.errors import FileError, StoreError, UserError, WorkerError, plain
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.command import attack_command
@@ -66,7 +66,7 @@ class ReportedRun:
     @property
     def name(self) -> str:
         """The name of its folder."""
-        return self.folder.absolute().name
+        return plain(self.folder.absolute().name)
 
     @property
     def target(self) -> Target:
@@ -126,7 +126,7 @@ def columns_of(
     """
     source, command = source_of(folder), ""
     if source is not None:
-        command = attack_command(settings, Path(source).name, samples=True)
+        command = attack_command(settings, plain(Path(source).name), samples=True)
     elif env_kwargs is not None:
         given = {name: value for name, value in env_kwargs.items() if name != "agent"}
         track = settings.experiment.target.track

@@ -169,7 +169,7 @@ def write_worlds(
     writer.writerow([*_FIXED[:6], *(plain(c.column) for c in columns.parameters), *_FIXED[6:]])
     writer.writerows(lines)
     writer.writerows(more)
-    write_file(folder / WORLDS_FILE, buffer.getvalue().encode())
+    write_file(folder / WORLDS_FILE, buffer.getvalue())
     write_model(folder / COLUMNS_FILE, columns)
 
 

@@ -267,7 +267,7 @@ def write_metadata(folder: Path, metadata: EntryMetadata) -> None:
     for name, value in metadata.model_dump(mode="json").items():
         # a JSON string is a TOML string too, unless characters are escaped
         lines.append(f"{name} = {json.dumps(value, ensure_ascii=False)}")
-    write_file(folder / METADATA_FILE, "\n".join([*lines, ""]).encode())
+    write_file(folder / METADATA_FILE, "\n".join([*lines, ""]))
 
 
 def read_metadata(folder: Path) -> EntryMetadata:

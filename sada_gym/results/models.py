@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 from typing_extensions import Self
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, is_plain, plain
 from sada_gym.experiment.measure import Measures, Search
 from sada_gym.experiment.record import Experiment, RunFailure, RunReport, slug
 from sada_gym.files import OneLine, Strict, first_error
@@ -90,8 +90,7 @@ class SeedResult(Strict):
         settings = report.settings
         if isinstance(report, RunFailure):
             # an adversary of a user's own may raise with any text
-            printable = "".join(c if c.isprintable() else " " for c in report.error)
-            error = " ".join(printable.split())[:MAX_ERROR]
+            error = plain(" ".join(report.error.split()))[:MAX_ERROR]
             packages = settings.packages
             return cls(seed=settings.seed, queries=0, error=error, measures=None, packages=packages)
         return cls(
@@ -144,7 +143,7 @@ class Result(Strict):
             ("preset", experiment.adversary.preset or ""),
             ("rule", experiment.protocol.rule),
         ):
-            if not text.isprintable() or len(text) > _MAX_TEXT:
+            if not is_plain(text) or len(text) > _MAX_TEXT:
                 raise ValueError(
                     f"expected the {name} in one line of at most {_MAX_TEXT} characters, got "
                     f"{text[:_MAX_TEXT]!r}"

@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
-from sada_gym.errors import UserError, explained
+from sada_gym.errors import UserError, described, explained
 from sada_gym.evaluation.problems import make_application, make_env
 from sada_gym.ids import names_file
 from sada_gym.testing import rules
@@ -185,7 +185,7 @@ def _run(name: str, check: Callable[[], str]) -> Check:
     except AssertionError as error:
         return Check(name, False, str(error) or "An assertion without a message failed.")
     except Exception as error:  # a user's code may raise anything, and that is a finding
-        return Check(name, False, f"{type(error).__name__}: {error}")
+        return Check(name, False, described(error))
 
 
 def _check_gymnasium(env: AdversaryEnv) -> str:

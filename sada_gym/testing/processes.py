@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, described
 from sada_gym.evaluation.spawn import spawn_context
 
 Result = TypeVar("Result")
@@ -46,7 +46,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     except (Exception, SystemExit) as error:  # whatever a user's file may raise
         del sys.modules[name]
         raise UserError(
-            f"Expected {str(path)!r} to run when imported, got {type(error).__name__}: {error}."
+            f"Expected {str(path)!r} to run when imported, got {described(error)}."
         ) from error
     return module
 
@@ -67,7 +67,7 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
         payload = pickle.dumps((function, args))
     except Exception as error:  # pickle raises whatever a `__reduce__` raises
         raise UserError(
-            f"Expected {home.__name__} to be picklable, got {type(error).__name__}: {error}. Keep "
+            f"Expected {home.__name__} to be picklable, got {described(error)}. Keep "
             "only picklable attributes, and define the class at the top level of a module."
         ) from error
     file = getattr(sys.modules[home.__module__], "__file__", None)

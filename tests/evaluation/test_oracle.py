@@ -3,6 +3,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 from toy import Toy, paraboloid
 
-from sada_gym.errors import BudgetExhausted, StoreError, UserError, WorkerError
+from sada_gym.errors import BudgetExhausted, Notice, StoreError, UserError, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator, _chunk_size
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluation.workers import PortableScorer
 from sada_gym.oracle import Oracle, evaluation_seeds
 
 MU = np.random.default_rng(0).uniform(-1, 1, (150, 3)).astype(np.float32)
@@ -270,12 +272,70 @@ def test_what_workers_cannot_load_is_told_of():
 
 
 def test_what_cannot_be_pickled_is_refused_with_workers_only():
+    lock = threading.Lock()
+
     def local(mu):
-        return paraboloid(mu)
+        with lock:
+            return paraboloid(mu)
 
     scores(local, dimension=3, threshold=0.3)
-    with pytest.raises(TypeError, match=r"can be pickled.*module level.*or use workers=1"):
+    with pytest.raises(TypeError, match=r"can be pickled.*lock.*Leave out open files.*workers=1"):
         scores(local, dimension=3, threshold=0.3, workers=2)
+
+
+SCRIPT = """
+import gymnasium as gym, numpy as np
+from sada_gym import GymnasiumApplication
+from sada_gym.evaluation.oracle import Oracle
+
+class Step(gym.Env):
+    observation_space, action_space = gym.spaces.Box(-1, 1, (1,)), gym.spaces.Discrete(2)
+    def __init__(self, x=0.0): self.x = x
+    def reset(self, *, seed=None, options=None): return np.zeros(1, np.float32), {}
+    def step(self, action): return np.zeros(1, np.float32), self.x, True, False, {}
+
+gym.register("Step-v0", entry_point=Step, max_episode_steps=5)
+half = 0.5
+application = GymnasiumApplication(
+    "Step-v0", agent=lambda seen: 0, parameters={"x": (0.0, 1.0)},
+    score=lambda episode: half * episode.total, fooling_threshold=0.2, agent_id="a",
+)
+with Oracle(application, budget=2, workers=2) as oracle:
+    print(oracle(np.array([[-1.0], [1.0]])).tolist())
+"""
+
+
+@pytest.mark.long
+def test_a_script_needs_no_main_guard(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("[0.0, 0.5]\n", "")
+
+
+def test_a_daemonic_process_evaluates_alone(monkeypatch):
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with pytest.warns(Notice, match="A daemonic process may start no workers"):
+        assert (scores(paraboloid, dimension=3, threshold=0.3, workers=2) >= 0.0).all()
+
+
+def test_what_a_worker_lacks_is_told_by_its_own_sentence():
+    task = PortableScorer.of(Lost())
+    with pytest.raises(UserError, match=r"^Expected an agent there, but nobody"):
+        task(MU[:1], [0])
+
+
+class Lost:
+    """Its agent is gone where it is loaded."""
+
+    def __call__(self, mu):
+        return paraboloid(mu)
+
+    def __setstate__(self, state):
+        raise UserError("Expected an agent there, but nobody is there.")
+
+    def __getstate__(self):
+        return {"agent": 1}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 import itertools
 import json
+import threading
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from sada_gym.experiment.folder import read_samples
 from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
+
+LOCKED = type("Local", (Toy,), {"lock": threading.Lock()})()
 
 
 def test_an_attack_writes_its_folder(tmp_path):
@@ -55,7 +58,9 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert 0 < report.search.fooling_rate < report.afr
     assert 0 < report.novelty.minimum <= report.nearest_fooling_query.median
     assert report.settings.experiment.target.application.fingerprint == "toy"
-    assert report.settings.experiment.target.application.settings == {"dimension": 3, "offset": 0.0}
+    settings = report.settings.experiment.target.application.settings
+    assert [*settings.pop("source_sha256")] == ["toy.py"]
+    assert settings == {"dimension": 3, "offset": 0.0}
     assert report.settings.packages["numpy"] == np.__version__
 
 
@@ -130,7 +135,7 @@ def test_no_budget_is_no_error_of_ours(tmp_path):
         ({"problem": Toy(agent_id=None)}, ValueError, "Expected a fingerprint"),
         ({"options": {"best": object()}}, TypeError, "can be written as JSON"),
         ({"options": {"bets": 3}}, TypeError, "bets"),
-        ({"workers": 2, "problem": type("Local", (Toy,), {})()}, TypeError, "can be pickled"),
+        ({"workers": 2, "problem": LOCKED}, TypeError, "can be pickled"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path, settings, error, message):

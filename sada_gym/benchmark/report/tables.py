@@ -57,7 +57,7 @@ _BESIDE_THE_PAPER = (
 def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path:
     """Write all tables as Markdown into a benchmark's folder; `notes` go to the remarks."""
     path = out / TABLE_FILE
-    write_file(path, "\n".join(_lines(results, notes)).encode())
+    write_file(path, "\n".join(_lines(results, notes)))
     return path
 
 

@@ -60,7 +60,15 @@ from sada_gym.envs.wrapped.inspection import check_environment, name_and_version
 from sada_gym.envs.wrapped.privileged import Privileged
 from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
 from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
-from sada_gym.errors import Notice, UserError, UserTypeError, check_integer, check_known
+from sada_gym.errors import (
+    Notice,
+    UserError,
+    UserTypeError,
+    check_integer,
+    check_known,
+    check_plain,
+    plain,
+)
 from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
@@ -198,6 +206,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             check_integer("max_steps", max_steps, 1, _MOST_WHOLE)
         if name is not None and (not isinstance(name, str) or not name):
             raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
+        check_plain("name", name or "")
         check_agent_id(agent_id)
         check_known("on_error", [on_error], get_args(OnError))
         if valid is not None and not callable(valid):
@@ -233,7 +242,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         check_declared(self)
         given, name_of_agent = self._found(agent, agent_timeout)
         super().__init__(given, agent_id)
-        self.agent_name = agent_id or name_of_agent or self.agent_name
+        self.agent_name = plain(agent_id or name_of_agent or self.agent_name)
         self._privileged: Privileged | None = None
         if privileged is not None:
             given, known_as = self._found(privileged, agent_timeout)
@@ -268,6 +277,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         )
         self._has_masks = env.has_wrapper_attr("action_masks")
         self.packages = packages_of(env)
+        self._layers = tuple(type(layer) for layer in layers(env))
         self.name, self.version = name_and_version(factory, env)  # type: ignore[misc]
         nan_observed = has_nan(check_environment(env, factory))
         if not isinstance(parameters, Mapping) or not parameters:
@@ -280,6 +290,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         for key, binding in bindings.items():
             binding.check(key, factory, env)
         check_distinct(bindings)
+        if angles := [key for key, binding in bindings.items() if binding.looks_like_angle()]:
+            warnings.warn(
+                f"{' and '.join(angles)} may be an angle that goes all around. If so, write "
+                "angle=True in its binding: else its ends are told as two places.",
+                Notice,
+                stacklevel=2,
+            )
         places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
         known = [place for place in places if place is not None]
         given = {key: binding.density for key, binding in bindings.items()}
@@ -435,6 +452,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "privileged agent": None if self._privileged is None else self._privileged.unknown,
         }
         return {role: function for role, function in functions.items() if function is not None}
+
+    @property
+    def _own_code(self) -> tuple[Any, ...]:
+        return (type(self), *self._layers, *self._own_functions.values())
 
     @property
     def fingerprint(self) -> str | None:
@@ -626,7 +647,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""
         bindings = self.episode_spec.bindings.items()
-        chosen = {key: str(values[key]) for key, binding in bindings if binding.choices}
+        chosen = {key: plain(str(values[key])) for key, binding in bindings if binding.choices}
         whole = {key: values[key] for key, binding in bindings if binding.integer}
         return {"values": chosen | whole} if chosen or whole else {}
 

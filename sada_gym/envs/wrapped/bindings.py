@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, KeysView, Mapping, Sequence, ValuesView
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, field, fields
@@ -26,12 +26,23 @@ from sada_gym.envs.wrapped.paths import (
     scale,
     write,
 )
-from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_known, explained
+from sada_gym.errors import (
+    InvalidWorld,
+    UserError,
+    UserTypeError,
+    check_known,
+    explained,
+    plain,
+)
 from sada_gym.parameters import Parameter
 
 _ALL = ", or all by [:] at its end"
 _LARGEST_WHOLE = 2**51
 """Half below and half above larger whole numbers are no floats."""
+
+_AROUND = ("around 0°", "around 90°", "around 180°", "around 270°")
+_SEAM = 0.002
+"""How much a range may differ from a full turn, as 6.28 does."""
 
 _NAMED_VALUES = 12
 """Whole numbers are named one by one on axes where there are at most so many."""
@@ -47,9 +58,13 @@ class ParameterBinding(ABC):
         low: The value at mu = -1.
         high: The value at mu = +1.
         unit: The unit in tables and on axes.
-        choices: Values to choose from, equal parts of [-1, 1], instead of `low` and `high`.
+        choices: Values to choose from, equal parts of [-1, 1], instead of `low` and `high`. Each
+            episode gets a copy of its value.
         integer: Whether the values are the whole numbers from `low` to `high`, equal parts each.
         log: Whether mu is even in the logarithm of the values, which all have one sign.
+        angle: Whether the value is an angle that goes all around, from `low` to `high`: 360
+            degrees, or 2 pi, which is told in degrees. Its ends are one place.
+        directions: What lies at 0, 90, 180 and 270 degrees of an angle, for sentences.
         nominal: The value in ordinary use, or its density as `sada_gym.densities.Density` takes
             it; None takes the environment's own value.
     """
@@ -60,11 +75,18 @@ class ParameterBinding(ABC):
     choices: tuple[Any, ...] = field(default=(), kw_only=True)
     integer: bool = field(default=False, kw_only=True)
     log: bool = field(default=False, kw_only=True)
+    angle: bool = field(default=False, kw_only=True)
+    directions: tuple[str, ...] = field(default=(), kw_only=True)
     nominal: float | str | bool | Mapping[str, Any] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Take choices in any collection that has an order."""
+        if self.choices is not None and not isinstance(self.choices, str | tuple):
+            object.__setattr__(self, "choices", _in_order(self.choices))
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
-        for flag in ("integer", "log", "factor"):
+        for flag in ("integer", "log", "factor", "angle"):
             if not isinstance(given := getattr(self, flag, False), bool):
                 raise UserTypeError(
                     f"Expected {flag} of {name!r} to be True or False, got {given!r}."
@@ -80,9 +102,16 @@ class ParameterBinding(ABC):
                     f"Expected either choices or low and high for {name!r}, got both. Leave low, "
                     "high, integer and log out."
                 )
-            names = tuple(map(str, self.choices))
+            names = tuple(plain(str(choice)) for choice in self.choices)
+            if doubles := [name for name in names if names.count(name) > 1]:
+                raise UserError(
+                    f"Expected choices of {name!r} that read differently, got {doubles[0]!r} "
+                    f"{len(doubles)} times. Leave the others out."
+                )
             return Parameter(name, 0.0, float(len(names)), self.unit, choices=names)
         low, high = self._range(name)
+        if self.angle or self.directions:
+            return self._full_turn(name, low, high)
         if not self.integer:
             return Parameter(name, low, high, self.unit, log=self.log)
         if low != round(low) or high != round(high):
@@ -103,14 +132,44 @@ class ParameterBinding(ABC):
             name, low - 0.5, high + 0.5, self.unit, choices=names, log=self.log, whole=True
         )
 
+    def _full_turn(self, name: str, low: float, high: float) -> Parameter:
+        turn = 360.0 / self._degrees
+        if abs(high - low - turn) > _SEAM * turn or self.integer or self.log:
+            raise UserError(
+                f"Expected low and high of {name!r}, an angle, to lie 360 degrees or 2 pi apart, "
+                f"and neither integer nor log, got low={low:g} and high={high:g}. Leave angle and "
+                "directions out where it does not go all around."
+            )
+        if self.unit != "deg" and self.density is not None:
+            raise UserError(
+                f"Expected a density of the angle {name!r} in degrees, got one in radians. Give "
+                "low, high and nominal in degrees."
+            )
+        first = low * self._degrees
+        return Parameter(name, first, first + 360.0, "deg", directions=self.directions or _AROUND)
+
+    @property
+    def _degrees(self) -> float:
+        """How many degrees the unit of an angle has: 1, or those of a radian."""
+        low, high = self._range("")
+        return 1.0 if not (self.angle or self.directions) or high - low > 7.0 else 180.0 / np.pi
+
+    def looks_like_angle(self) -> bool:
+        """Say whether the range looks like that of an angle, and nobody says so."""
+        if self.choices or self.angle or self.directions or self.integer or self.log:
+            return False
+        low, high = self._range("")
+        turn = {"deg": 360.0, "rad": 2.0 * np.pi, "": 2.0 * np.pi}.get(self.unit, np.nan)
+        return bool(abs(high - low - turn) <= _SEAM * turn)
+
     def value(self, physical: float) -> Any:
         """Return what the environment gets for a physical value of the parameter."""
         if self.choices:
-            return self.choices[min(int(physical), len(self.choices) - 1)]
+            return deepcopy(self.choices[min(int(physical), len(self.choices) - 1)])
         if self.integer:
             low, high = self._range("")
             return int(min(max(np.floor(physical + 0.5), low), high))
-        return physical
+        return physical / self._degrees
 
     def _range(self, name: str) -> tuple[float, float]:
         if not (is_number(self.low) and is_number(self.high)):
@@ -160,9 +219,14 @@ class ParameterBinding(ABC):
                     return i + 0.5
             return None
         low, high = self._range("")
-        if not is_number(value) or isinstance(value, bool) or not low <= float(value) <= high:
+        if not is_number(value) or isinstance(value, bool):
             return None
-        return float(value) if not self.integer or float(value).is_integer() else None
+        number = float(value)
+        if (self.angle or self.directions) and np.isfinite(number):
+            number = low + (number - low) % (high - low)
+        if not low <= number <= high or (self.integer and not number.is_integer()):
+            return None
+        return number * self._degrees
 
     def present(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> Any:  # noqa: ARG002
         """Return the value that `env`, made by `factory`, has; None where nobody knows it."""
@@ -435,6 +499,17 @@ def _entry_of(path: str, value: Any) -> str:
     return f'{path}["{next(iter(value), "key")}"]' if isinstance(value, dict) else f"{path}[0]"
 
 
+def _in_order(given: Any) -> tuple[Any, ...]:
+    """Return choices as a tuple; a UserError for what has no order, or gives it away once only."""
+    ordered = isinstance(given, Sequence | KeysView | ValuesView) and not isinstance(given, bytes)
+    if not ordered and not getattr(given, "ndim", 0):
+        raise UserTypeError(
+            f"Expected choices in an order, such as ('dry', 'wet'), got {type(given).__name__}. "
+            "Write a tuple."
+        )
+    return tuple(map(_plain, given))
+
+
 def _plain(value: Any) -> Any:
     is_single = isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim)
     return value.item() if is_single else value
@@ -460,9 +535,11 @@ def check_distinct(bindings: Mapping[str, ParameterBinding]) -> None:
 def as_json(value: Any) -> Any:
     """Turn NumPy's numbers, tuples and mappings into what JSON holds."""
     if isinstance(value, Mapping):
-        return {str(key): as_json(item) for key, item in value.items()}
+        return {as_json(str(key)): as_json(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [*map(as_json, value)]
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
+    if isinstance(value, str):  # of a file's name, say, that is not UTF-8
+        return value.encode(errors="backslashreplace").decode()
     return value

@@ -172,6 +172,7 @@ class Disturbance(ParameterBinding):
 
     def __post_init__(self) -> None:
         """Make numbers of steps whole."""
+        super().__post_init__()
         if self.whole and not self.choices:
             object.__setattr__(self, "integer", True)
 

@@ -28,7 +28,7 @@ from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
-from sada_gym.errors import InvalidWorld, UserError, broken_world, explained
+from sada_gym.errors import InvalidWorld, UserError, UserTypeError, broken_world, explained
 from sada_gym.evaluation import watch
 from sada_gym.frames import as_frame
 
@@ -60,6 +60,10 @@ class EpisodeStart:
     seed: int
     number: int
     world: int = 0
+
+    def value(self, name: str) -> Any:
+        """Return a copy of what a parameter sets: an environment may write into its own."""
+        return deepcopy(self.values[name])
 
     def seed_sequence(self, stream: int) -> np.random.SeedSequence:
         """Return a source of randomness; stream 0 seeds the environment, others the parameters."""
@@ -356,7 +360,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def _apply_bindings(self, *, after_reset: bool) -> None:
         for name, binding in self._spec.bindings.items():
-            value = self._start.values[name]
+            value = self._start.value(name)
             binding.apply(name, value, self.unwrapped, after_reset=after_reset)
 
     def _broken(self, what: str, error: BaseException) -> InvalidWorld:
@@ -391,6 +395,12 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return observation.copy() if type(observation) is np.ndarray else deepcopy(observation)
 
     def _validate_reward(self, reward: Any) -> float:
+        if np.size(reward) != 1 or isinstance(reward, str | Mapping):
+            raise UserTypeError(
+                f"Expected one number as a reward from {self._spec.factory.name}, got "
+                f"{_short(reward)}. Choose an entry or a weighted sum by a wrapper: let a function "
+                "make the environment, TransformReward(env, lambda reward: reward[0])."
+            )
         try:
             value = float(reward)
         except (TypeError, ValueError):
@@ -456,13 +466,13 @@ def _make(
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:
     bindings = [(name, b) for name, b in spec.bindings.items() if isinstance(b, kind)]
-    return {b.targets(name)[0]: start.values[name] for name, b in bindings}
+    return {b.targets(name)[0]: start.value(name) for name, b in bindings}
 
 
 def _disturbed(env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -> gym.Env[Any, Any]:
     """Wrap an environment in the disturbances of one episode, each with a generator of its own."""
     disturbances = [
-        (binding, start.values[name], 1 + i)
+        (binding, start.value(name), 1 + i)
         for i, (name, binding) in enumerate(spec.bindings.items())
         if isinstance(binding, Disturbance)
     ]

@@ -13,8 +13,8 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.errors import UserError, UserTypeError, broken_world, check_known
-from sada_gym.ids import find_spec
+from sada_gym.errors import UserError, UserTypeError, broken_world, check_known, described
+from sada_gym.ids import find_spec, receive_spec, sent_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
 """An environment's id, `module:id`, or a function that makes one."""
@@ -50,6 +50,15 @@ class EnvFactory:
             )
         if not self.takes_any_keyword:
             check_known(f"keyword of {self.name}", self.env_kwargs, self.keywords)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Take an id's specification along: a worker may not have run the script with it."""
+        return {**self.__dict__, "sent": sent_spec(self.environment)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Register the id."""
+        receive_spec(state.pop("sent"))
+        self.__dict__.update(state)
 
     @property
     def name(self) -> str:
@@ -132,7 +141,7 @@ class EnvFactory:
 
     def _missing_package(self, error: ImportError) -> UserError:
         return UserError(
-            f"Expected the packages that {self.name} needs, got {type(error).__name__}: {error}. "
+            f"Expected the packages that {self.name} needs, got {described(error)}. "
             "Install what it names."
         )
 

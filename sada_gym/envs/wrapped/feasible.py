@@ -10,6 +10,7 @@ import ast
 import math
 import operator
 import re
+import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -60,7 +61,8 @@ _LONGEST = 1_000
 class Expression:
     """A condition in words of arithmetic, such as `mass * gravity < 30`.
 
-    The names in it are those of the parameters; signs that no name of Python has become `_`.
+    The names in it are those of the parameters; signs that no name of Python has become `_`. Of
+    two that are spelled alike then, it means the one that is spelled so exactly.
 
     Raises:
         UserError: If it is no such expression, or another name stands in it.
@@ -75,6 +77,12 @@ class Expression:
         for part in ast.walk(self._tree):
             if isinstance(part, ast.Name) and part.id not in FUNCTIONS:
                 check_known(f"name in feasible={self.text!r}", [part.id], known)
+                alike = [n for n in self.names if _spelling(n) == part.id]
+                if len(alike) > 1 and part.id not in alike:
+                    raise UserError(
+                        f"Expected one parameter that {part.id} in feasible={self.text!r} stands "
+                        f"for, got {' and '.join(alike)}. Rename one of them."
+                    )
             elif isinstance(part, ast.Call):
                 name = part.func.id if isinstance(part.func, ast.Name) else "?"
                 check_known(f"function in feasible={self.text!r}", [name], [*FUNCTIONS])
@@ -105,7 +113,8 @@ class Expression:
 
     def __call__(self, values: Mapping[str, Any]) -> bool:
         """Say whether it holds for the values of the parameters."""
-        named = {_spelling(name): _plain(value) for name, value in values.items()}
+        spelled = {_spelling(name): value for name, value in values.items()}
+        named = {name: _plain(value) for name, value in {**spelled, **values}.items()}
         return bool(_value(self._tree, named))
 
 
@@ -144,7 +153,7 @@ def _plain(value: Any) -> Any:
 
 
 def _spelling(name: str) -> str:
-    return re.sub(r"\W", "_", name)
+    return re.sub(r"\W", "_", unicodedata.normalize("NFKC", name))  # as Python reads names
 
 
 @dataclass(frozen=True)

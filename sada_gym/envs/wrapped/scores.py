@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import code_name, function_name
-from sada_gym.errors import UserError, UserTypeError, explained
+from sada_gym.errors import InvalidWorld, UserError, UserTypeError, explained
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,18 @@ class Success(Score):
                 f"keys {listed}. Name another key, score=('success', 'key'), or pass a function "
                 "such as score=lambda episode: float(episode.terminated)."
             )
-        with explained(f"Expected info[{key!r}] to be true or false", "Name another key."):
-            return float(bool(info[key])), False
+        value = info[key]
+        if isinstance(value, np.generic | np.ndarray) and value.size == 1:
+            value = value.item()
+        if isinstance(value, float) and np.isnan(value):
+            reason = f"info[{key!r}] is NaN"
+            raise InvalidWorld(f"Expected True or False as success, but {reason}.", reason)
+        if not isinstance(value, bool | int | float) or value not in (0, 1):
+            raise UserTypeError(
+                f"Expected info[{key!r}] to be True or False, 1 or 0, got {value!r}. Name another "
+                "key, or pass a function of the episode as the score."
+            )
+        return float(value), False
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
-from sada_gym.errors import UserError, UserTypeError, check_known
+from sada_gym.errors import UserError, UserTypeError, check_known, described
 from sada_gym.files import as_path, read_toml
 
 KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
@@ -233,7 +233,7 @@ def _imported(text: str, path: Path, key: str, expected: str) -> Any:
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
         raise UserError(
             f"Expected {key!r} in {path} to be {expected}, got {text!r} "
-            f"({type(error).__name__}: {error}). Set PYTHONPATH to the folder that holds the "
+            f"({described(error)}). Set PYTHONPATH to the folder that holds the "
             "module."
         ) from error
 

@@ -217,6 +217,11 @@ def test_choices_and_whole_numbers_take_equal_parts():
     [
         (Keyword(choices=("one",)), "at least two choices"),
         (Keyword(choices="dry"), "at least two choices"),
+        (Keyword(choices=("dry", "dry")), "that read differently, got 'dry' 2 times"),
+        (Keyword(choices=(1, "1")), "that read differently"),
+        (Keyword(0.0, 90.0, angle=True), "360 degrees or 2 pi apart, .* got low=0 and high=90"),
+        (Keyword(0.0, 360.0, angle=True, integer=True), "neither integer nor log"),
+        (Keyword(0.0, 6.28, angle=True, nominal={"normal": [1, 2]}), "in degrees, got one in rad"),
         (Keyword(0.0, 1.0, choices=(1, 2)), "either choices or low and high"),
         (Keyword(0.5, 2.0, integer=True), "whole numbers as low and high"),
         (Keyword("a", 2.0), "numbers as low and high"),
@@ -230,6 +235,96 @@ def test_choices_and_whole_numbers_take_equal_parts():
 def test_a_bad_range_gets_a_sentence(binding, message):
     with pytest.raises(ValueError, match=message):
         binding.parameter("mine")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["dry", "wet"],
+        np.array(["dry", "wet"]),
+        {"dry": 1, "wet": 2}.keys(),
+        {1: "dry", 2: "wet"}.values(),
+    ],
+)
+def test_choices_may_be_any_collection_with_an_order(given):
+    binding = Keyword(choices=given)
+    assert binding.choices == ("dry", "wet")
+    assert type(binding.choices[0]) is str
+    assert binding.settings["choices"] == ["dry", "wet"]
+
+
+@pytest.mark.parametrize("given", [{"dry", "wet"}, {"dry": 1, "wet": 2}, iter("ab"), b"ab", 3])
+def test_choices_without_an_order_are_refused(given):
+    with pytest.raises(TypeError, match=r"Expected choices in an order, .* got \w+\. Write a tup"):
+        Keyword(choices=given)
+
+
+def test_choices_of_several_lines_have_names_in_one():
+    binding = Keyword(choices=("..#\n#..", "caf\udce9", "10\u00a0km/h", 1, True))
+    parameter = binding.parameter("map")
+    assert parameter.choices == (r"..#\n#..", r"caf\udce9", "10\u00a0km/h", "1", "True")
+    assert binding.value(0.5) == "..#\n#.."
+    assert binding.settings["choices"][1] == r"caf\udce9"
+
+
+class Melting(Reach):
+    """It breaks its own ice where it is fast."""
+
+    def __init__(self, tiles=None, bag=None, speed=0.1):
+        super().__init__(speed)
+        self.tiles, self.bag = tiles, bag
+
+    def step(self, action):
+        answer = super().step(action)
+        whole = self.tiles[0] == "ice" and not self.bag and not self.options["rocks"]
+        if self.speed > 0.15:
+            self.tiles[0] = "hole"
+            self.bag.append(1)
+            self.options["rocks"].append(1)
+        return *answer[:2], True, *answer[3:4], {"is_success": whole}
+
+
+def test_an_environment_may_write_into_what_it_is_given():
+    application = reach(
+        Melting,
+        parameters={
+            "tiles": Keyword(choices=(["ice", "ice"], ["ice", "snow"])),
+            "rocks": ResetOption(choices=([], ())),
+            "speed": (0.05, 0.2),
+        },
+        env_kwargs={"bag": []},
+        max_steps=1,
+    )
+    slow, fast = [-0.5, -0.5, -1.0], [-0.5, -0.5, 1.0]
+    mu = np.array([slow, fast, slow, fast, slow], np.float32)
+    for _ in range(2):
+        assert application.evaluate(mu, range(5)).score.tolist() == [1.0] * 5
+
+
+def test_an_angle_goes_all_around():
+    degrees = Keyword(-180.0, 180.0, angle=True).parameter("heading")
+    assert (degrees.low, degrees.high, degrees.unit) == (-180.0, 180.0, "deg")
+    assert degrees.directions[1] == "around 90°"
+    radians = Keyword(-np.pi, np.pi, directions=("north", "east", "south", "west"))
+    parameter = radians.parameter("heading")
+    assert (parameter.low, parameter.high) == (-180.0, 180.0)
+    assert radians.value(90.0) == pytest.approx(np.pi / 2)
+    assert radians._place(1.5 * np.pi) == pytest.approx(-90.0)
+
+
+@pytest.mark.parametrize(
+    ("binding", "likely"),
+    [
+        (Keyword(0.0, 360.0, unit="deg"), True),
+        (Keyword(-3.14159, 3.14159), True),
+        (Keyword(0.0, 6.28, unit="rad"), True),
+        (Keyword(0.0, 360.0), False),
+        (Keyword(0.0, 360.0, unit="deg", angle=True), False),
+        (Keyword(choices=("a", "b")), False),
+    ],
+)
+def test_what_looks_like_an_angle_is_asked_about(binding, likely):
+    assert binding.looks_like_angle() is likely
 
 
 def test_settings_say_what_differs_from_the_default():

@@ -39,6 +39,15 @@ def test_expressions_mean_what_they_say(text, mass, wind, holds):
     assert expression(values) is holds
 
 
+def test_of_two_names_that_are_spelled_alike_the_exact_one_counts():
+    exact = Expression("arm_mass < 2", ("arm_mass", "arm.mass"))
+    assert exact({"arm_mass": 0.0, "arm.mass": 4.0})
+    assert not exact({"arm_mass": 4.0, "arm.mass": 0.0})
+    assert Expression("\N{MICRO SIGN} < 2", ("\N{MICRO SIGN}",))({"\N{MICRO SIGN}": 1.0})
+    with pytest.raises(UserError, match=r"one parameter that arm_mass .* got arm-mass and arm\.ma"):
+        Expression("arm_mass < 2", ("arm-mass", "arm.mass"))
+
+
 @pytest.mark.parametrize(
     "text",
     [

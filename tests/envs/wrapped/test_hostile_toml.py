@@ -149,7 +149,10 @@ WRONG = {
         (f'{{gravity = {{kind = "attribute", choices = [1, {2**64}]}}}}', "of 64 bits"),
         (f"{{{'n' * 101} = [1, 2]}}", "name in one line of at most 100 characters"),
         (r'{"a\nb" = [1, 2]}', "name in one line"),
-        (r'{gravity = {kind = "attribute", low = 1, high = 2, unit = "\u0000"}}', "a unit in one"),
+        (
+            r'{gravity = {kind = "attribute", low = 1, high = 2, unit = "\u0000"}}',
+            "a unit, choice or",
+        ),
         ('{"" = [1, 2]}', "name to be a text, got ''"),
         ('{gravity = {kind = "attribute", low = 1, high = 2, paths = [1]}}', "path|attribute"),
         (

@@ -49,8 +49,25 @@ def test_success_may_have_another_name():
     assert as_score("success").settings == "success"
     with pytest.raises(ValueError, match=r"info\['landed'\] .* keys 'speed', 'success'"):
         score(episode([0.0], speed=1.0, success=True))
-    with pytest.raises(ValueError, match=r"info\['landed'\] to be true or false, got ValueError"):
+    with pytest.raises(ValueError, match=r"info\['landed'\] to be True or False, 1 or 0, got arr"):
         score(episode([0.0], landed=np.ones(2)))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.nan, r"Expected True or False as success, but info\['success'\] is NaN"),
+        (np.float32("nan"), "is NaN"),
+        ("False", "to be True or False, 1 or 0, got 'False'"),
+        (0.5, "got 0.5"),
+        (None, "got None"),
+        (2, "got 2"),
+        ([True], r"got \[True\]"),
+    ],
+)
+def test_nothing_but_truth_is_success(value, message):
+    with pytest.raises(ValueError, match=message):
+        as_score("success")(episode([0.0], success=value))
 
 
 def test_length_is_a_share():
