@@ -38,9 +38,7 @@ def loop(env, model):
 def test_a_step(name):
     parameters, score = CASES[name]
     if name.startswith("Lunar"):
-        pytest.importorskip(
-            "Box2D", reason="Box2D is not installed: pip install sada-gym[examples]"
-        )
+        pytest.importorskip("Box2D", reason="Box2D is not installed: pip install '.[examples]'")
     model = PPO("MlpPolicy", name, seed=0, device="cpu", n_steps=256).learn(2_048)
     application = GymnasiumApplication(
         name, agent=model, parameters=parameters, score=score, fooling_threshold=0.5

@@ -7,6 +7,7 @@ import inspect
 import re
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -44,6 +45,8 @@ html_css_files = ["sada.css"]
 html_title = f"sada_gym {release}"
 
 default_role = "code"
+# the contracts for pytest are documented where it is not installed, too
+autodoc_mock_imports = [name for name in ("pytest",) if find_spec(name) is None]
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_default_options = {"exclude-members": "model_config"}

@@ -1,6 +1,6 @@
 """An optimiser of your own against ours: Optuna's TPE and CMA-ES on the digit 3.
 
-    pip install 'sada-gym[examples]'    # Optuna and cmaes
+    pip install -c constraints.txt '.[examples]'    # Optuna and cmaes
     python examples/compare_optimisers.py
 
 An optimiser gives points, an adversary gives a distribution that is sampled anew. So both get what

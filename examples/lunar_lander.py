@@ -1,6 +1,6 @@
 """Train PPO on LunarLander-v3, then learn in which gravity, wind and latency it does not land.
 
-    pip install 'sada-gym[examples]'    # Box2D
+    pip install -c constraints.txt '.[examples]'    # Box2D
     python examples/lunar_lander.py
 
 The training takes some minutes of one core and writes lander.zip beside this file; a second run

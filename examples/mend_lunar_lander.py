@@ -1,6 +1,6 @@
 """Attack a lander, train it on where it failed, and attack the mended one.
 
-    pip install 'sada-gym[examples]'    # Box2D
+    pip install -c constraints.txt '.[examples]'    # Box2D
     python examples/lunar_lander.py         # trains lander.zip and attacks it
     python examples/mend_lunar_lander.py
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from leaderboard.board_tables import (
     OutdatedResult,
+    missing_part,
     outdated_sheet,
     paper_sheet,
     ranking_sheets,
@@ -54,12 +55,15 @@ class GroupBoard:
     Attributes:
         entries: The entries with those of their results that are of this group and today's.
         results: What the results sum up to, by tier.
+        unchecked: Which parts are missing here, so that nobody can tell whether results of theirs
+            are outdated; a sentence each.
     """
 
     card: ApplicationCard
     entries: tuple[Entry, ...]
     results: Mapping[Tier, Results]
     outdated: tuple[OutdatedResult, ...]
+    unchecked: tuple[str, ...] = ()
 
     @cached_property
     def comparisons(self) -> tuple[tuple[Comparison, tuple[Ranking, ...]], ...]:
@@ -119,12 +123,16 @@ def make_board(
         applications: The applications with a place on the board; by default all that are known.
             Those beside the five of the benchmark's suites have a page where there are results.
     """
-    outdated = [
-        OutdatedResult(entry, result, reason)
-        for entry in entries
-        for result in entry.results.values()
-        if (reason := find_outdated(result.claimed.experiment)) is not None
-    ]
+    missing: dict[str, str] = {}
+    outdated = []
+    for entry in entries:
+        for result in entry.results.values():
+            experiment = result.claimed.experiment
+            track, agent = experiment.target.track, experiment.target.agent
+            if lacking := missing_part(track, agent):
+                missing[track] = lacking
+            elif (reason := find_outdated(experiment)) is not None:
+                outdated.append(OutdatedResult(entry, result, reason))
     left_out = {id(late.result) for late in outdated}
     boards, elsewhere = [], outdated
     for card in cards() if applications is None else applications:
@@ -140,5 +148,6 @@ def make_board(
         results = {tier: results_of(chosen, tier=tier) for tier in TIERS}
         with_results = tuple(entry for entry in chosen if entry.results)
         if with_results or late or (card.suite and card.suite.overview):
-            boards.append(GroupBoard(card, with_results, results, late))
+            lacking_here = dict.fromkeys(missing[track] for track in tracks if track in missing)
+            boards.append(GroupBoard(card, with_results, results, late, tuple(lacking_here)))
     return Board(tuple(entries), tuple(boards), tuple(elsewhere))

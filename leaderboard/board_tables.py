@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from sada_gym import agents
 from sada_gym.benchmark.results import Comparison, Results
 from sada_gym.cards import ApplicationCard
+from sada_gym.errors import MissingExtra, MissingPart, UserError
 from sada_gym.experiment.record import place_of, slug
 from sada_gym.results import paper
 from sada_gym.results.columns import row_cells, row_columns
@@ -101,7 +103,7 @@ def ranking_sheets(
     ]
     if comparison.table.name == PAPER_BUDGETS and comparison.agent == _default_agent(card):
         lines += _paper(tracks)
-    lines += _uniform(comparison.agent, tracks)
+    lines += _uniform(comparison.agent, tracks, entries)
     name = f"{slug(card.page)}.{comparison.name}.{tier}"
     over = f", mean over {len(tracks)} tracks" if len(tracks) > 1 else " on the only track"
     overall = tuple(line.line(line.cells) for line in lines if line.cells)
@@ -211,9 +213,12 @@ def _paper(tracks: Sequence[str]) -> Iterator[_RankingLine]:
             yield _RankingLine("paper", text_cell(f"{name} · AAAI 2020"), cells, {"afr": afr})
 
 
-def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[_RankingLine]:
+def _uniform(
+    agent: str, tracks: Sequence[str], entries: Sequence[Entry] = ()
+) -> Iterator[_RankingLine]:
     """Return the rates of uniform worlds, from the reference sets."""
-    rates = {track: rate for track in tracks if (rate := uniform_rate(track, agent)) is not None}
+    found = {track: uniform_rate(track, agent, entries) for track in tracks}
+    rates = {track: rate for track, rate in found.items() if rate is not None}
     if rates:
         whole = len(rates) == len(tracks)
         cells = {"afr": rate_cell(sum(rates.values()) / len(rates))} if whole else {}
@@ -221,10 +226,32 @@ def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[_RankingLine]:
         yield _RankingLine("reference", name, cells, {"afr": rates})
 
 
-def uniform_rate(track: str, agent: str) -> float | None:
-    """Return the share of uniform worlds that fool an agent; None without a reference set."""
-    reference = current_target(track, agent).target.reference
-    return None if reference is None else reference.uniform_rate
+def uniform_rate(track: str, agent: str, entries: Sequence[Entry]) -> float | None:
+    """Return the share of uniform worlds that fool an agent; None without a reference set.
+
+    Where a part of the track is missing here, its entries tell.
+    """
+    if not missing_part(track, agent):
+        targets = [current_target(track, agent).target]
+    else:
+        results = (result for entry in entries for result in entry.results.values())
+        targets = [result.claimed.experiment.target for result in results]
+    for target in targets:
+        if (target.track, target.agent) == (track, agent) and target.reference is not None:
+            return target.reference.uniform_rate
+    return None
+
+
+@lru_cache(maxsize=256)
+def missing_part(track: str, agent: str) -> str:
+    """Say which part of a track or its agent has to be installed; empty where all are there."""
+    try:
+        current_target(track, agent)
+    except (MissingExtra, MissingPart) as error:
+        return str(error)
+    except UserError:  # no such track or agent: the result is outdated
+        pass
+    return ""
 
 
 _STRONGEST = (
@@ -264,7 +291,7 @@ def strongest_sheet(groups: Iterable[tuple[ApplicationCard, Sequence[Entry], Res
                 "track": text_cell(track, href=f"{card.page}.html"),
                 "group": text_cell(card.title),
                 "nominal": text_cell(nominal[agent]),
-                "uniform_rate": rate_cell(uniform_rate(track, agent)),
+                "uniform_rate": rate_cell(uniform_rate(track, agent, entries)),
             }
             if strongest := _strongest(entries, verified, track, agent):
                 rule, row = strongest

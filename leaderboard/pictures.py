@@ -14,6 +14,7 @@ import numpy as np
 from sada_gym import __version__
 from sada_gym.application import Application
 from sada_gym.cards import ApplicationCard
+from sada_gym.errors import MissingExtra, MissingPart
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_file
 from sada_gym.plots.attack import contact_sheet, marginals
@@ -53,11 +54,15 @@ class Pictures:
         """Draw the samples behind the results by track; tracks of the same parameters share one."""
         if not self.drawing:
             return ()
-        opened = {
-            track: result.claimed.experiment.target.open()
-            for track, result in results.items()
-            if result.samples
-        }
+        try:
+            opened = {
+                track: result.claimed.experiment.target.open()
+                for track, result in results.items()
+                if result.samples
+            }
+        except (MissingExtra, MissingPart) as error:
+            warnings.warn(f"No pictures of {card.title} are drawn. {error}", stacklevel=2)
+            return ()
         applications = {track: target.application for track, target in opened.items()}
         pictures = []
         for tracks in _alike(applications):

@@ -18,7 +18,7 @@ from leaderboard.entry_page import entry_page
 from leaderboard.pictures import Pictures
 from sada_gym import __version__
 from sada_gym.cli.console import errors_as_sentences
-from sada_gym.errors import MissingExtra, UserError
+from sada_gym.errors import MissingExtra, UserError, install_line
 from sada_gym.files import file_errors, read_file, write_folder
 from sada_gym.results.entry import read_entries
 from sada_gym.results.rows import Row
@@ -214,7 +214,7 @@ def table_script() -> Iterator[tuple[str, bytes]]:
     except importlib.metadata.PackageNotFoundError:
         raise MissingExtra(
             "Expected the package itables, which the site takes its tables' script from, got none. "
-            "Install it: pip install -c constraints.txt '.[leaderboard]'."
+            f"{install_line('leaderboard')}"
         ) from None
     files = {file.name: file for file in distribution.files or () if file.parts[0] != ".."}
     for name in ("dt_bundle.js", "LICENSE"):

@@ -41,6 +41,10 @@ class FileError(UserError):
     """A file that cannot be read or written."""
 
 
+class MissingPart(FileError):  # noqa: N818 - reads as what happened
+    """A file that others made and that is not installed; the message says how to get it."""
+
+
 class StoreError(UserError):
     """An evaluation store that cannot be used: foreign, corrupt, in use, or another version."""
 
@@ -51,6 +55,11 @@ class StoreInUse(StoreError):  # noqa: N818 - reads as what happened
 
 class MissingExtra(UserError, ModuleNotFoundError):  # noqa: N818 - reads as what happened
     """An optional package that is not installed; the message names the extra that brings it."""
+
+
+def install_line(extra: str) -> str:
+    """Say how to install an extra: from a clone, for no index has the package."""
+    return f"In a clone of sada_gym run: pip install -c constraints.txt '.[{extra}]'"
 
 
 class AdversaryError(UserError):
@@ -116,9 +125,10 @@ def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> Non
     """Raise UserError for the first of the given names that is not known, with close matches."""
     for name in given:
         if name not in known:
-            close = difflib.get_close_matches(str(name), known, n=3)
+            names = [*map(str, known)]  # keys of a user's may be numbers
+            close = difflib.get_close_matches(str(name), names, n=3)
             hint = f" Did you mean {' or '.join(close)}?" if close else ""
-            listed = f"one of {', '.join(known)}" if known else "none"
+            listed = f"one of {', '.join(names)}" if names else "none"
             raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
 
 

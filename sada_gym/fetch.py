@@ -18,7 +18,7 @@ from typing import IO
 from platformdirs import user_data_path
 
 from sada_gym.cards import FetchedAgent, fetchable
-from sada_gym.errors import FileError, UserError, check_known
+from sada_gym.errors import FileError, MissingPart, UserError, check_known
 from sada_gym.files import file_errors, shown, write_file
 from sada_gym.lazy import load
 
@@ -51,7 +51,7 @@ def fetched(agent: FetchedAgent) -> Path:
     path = place(agent)
     again = f"`sada-gym fetch {agent.name}`"
     if not path.is_file():
-        raise FileError(
+        raise MissingPart(
             f"Expected {agent.name} in {path}, got no such file: it does not come with sada_gym. "
             f"Fetch it once: {again}."
         )

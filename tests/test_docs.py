@@ -27,10 +27,12 @@ from sada_gym.cards import fetchable
 from sada_gym.cli import app
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 from sada_gym.envs.wrapped.toml import read_application
+from sada_gym.files import read_toml
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PATHS = (ROOT, ROOT / "examples")
+FOLDERS = ("sada_gym", "leaderboard", "examples", "studies", "tools", "benchmarks")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 NOT_RUN = "<!-- not run:"
 OPTIONAL = "rl_zoo3"
@@ -39,6 +41,10 @@ PACKAGES = {"compare_optimisers": ("optuna", "cmaes"), "mend_lunar_lander": ("Bo
 """What an example needs of the extra `examples`; without it the example is not run."""
 
 SMALLER = (
+    (
+        r"(\battack\(.*\"level-set\".*)\bbudget=500\b",
+        r"\1budget=40, samples=8, options={'rounds': 1, 'models': ['trees']}",
+    ),
     (r"(\battack\(.*)\bbudget=500\b", r"\1budget=60, samples=20, options={'steps': 60}"),
     (r"(\bmake\(\"bbgan\", dimension=\d, seed=0)\)", r"\1, steps=60)"),
     (r"\bbudget=500\b", "budget=60"),
@@ -299,3 +305,14 @@ def test_every_class_and_style_is_documented() -> None:
         shapes = [shape.name.partition("/")[2] for shape in benchmark_shapes(name)]
         styles = dict.fromkeys(shape.rpartition("-")[0] for shape in shapes)
         assert f"| {name} | {', '.join(styles)} |" in detection
+
+
+def test_what_installs_an_extra_is_a_line_that_works() -> None:
+    """No index has the package, so it comes from a clone or a wheel, and each extra exists."""
+    code = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+    extras = read_toml(ROOT / "pyproject.toml")["project"]["optional-dependencies"]
+    for path in [*PAGES, *code]:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"pip install [^\n`]*\bsada-gym", text), path
+        named = re.findall(r"install_line\([\"'](\w+)|pip install [^\n]*'\.\[(\w+)\]", text)
+        assert {extra for pair in named for extra in pair if extra} <= {*extras}, path

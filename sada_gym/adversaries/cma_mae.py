@@ -16,7 +16,7 @@ from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.arrays import Floats
-from sada_gym.errors import MissingExtra
+from sada_gym.errors import MissingExtra, install_line
 from sada_gym.evaluations import Evaluations
 
 if TYPE_CHECKING:
@@ -66,8 +66,7 @@ class CMAMAE(FittedAdversary):
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
             raise MissingExtra(
-                "Expected ribs for cma-mae, but it is not installed. Install it with: "
-                "pip install 'sada-gym[qd]'"
+                f"Expected ribs for cma-mae, but it is not installed. {install_line('qd')}"
             ) from error
         uniform = math.ceil(self.options.uniform_share * oracle.remaining)
         queries = evaluate_uniform(uniform, self.dimension, oracle, self.rng)

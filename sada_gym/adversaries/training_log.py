@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.drawing import own_style
-from sada_gym.errors import MissingExtra
+from sada_gym.errors import MissingExtra, install_line
 from sada_gym.files import file_errors
 from sada_gym.parameters import Mu
 
@@ -21,8 +21,8 @@ class TrainingLog:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
             raise MissingExtra(
-                "Expected tensorboard for log_dir, but it is not installed. Install it with: "
-                "pip install 'sada-gym[track]'"
+                "Expected tensorboard for log_dir, but it is not installed. "
+                f"{install_line('track')}"
             ) from error
         with file_errors("write the log to", Path(folder)):
             self._writer: Any = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from sada_gym.agents.exported import Array, ExportedNetwork, input_names, takes_channels_first
 from sada_gym.agents.sb3_zip import MAX_MODEL_BYTES
 from sada_gym.agents.tile import Batch, keyed
-from sada_gym.errors import FileError, MissingExtra, explained
+from sada_gym.errors import FileError, MissingExtra, explained, install_line
 from sada_gym.files import read_file
 
 _TYPES = {
@@ -76,8 +76,8 @@ class OnnxNetwork(ExportedNetwork):
             import onnxruntime
         except ImportError as error:
             raise MissingExtra(
-                f"Expected onnxruntime to be installed for the agent in {self.path}. Run: "
-                "pip install 'sada-gym[onnx]'"
+                f"Expected onnxruntime to be installed for the agent in {self.path}. "
+                f"{install_line('onnx')}"
             ) from error
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1

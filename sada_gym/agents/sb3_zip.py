@@ -28,7 +28,7 @@ from torch.nn.modules import activation
 
 from sada_gym.agents.sb3_spaces import network_space, validate_action_space
 from sada_gym.determinism import generators_kept
-from sada_gym.errors import FileError, MissingExtra, UserError, explained
+from sada_gym.errors import FileError, MissingExtra, UserError, explained, install_line
 from sada_gym.files import as_path, read_file
 
 MAX_MODEL_BYTES = 500 * 2**20
@@ -274,7 +274,7 @@ def _of_contrib(path: Path, name: str) -> type[Any]:
     except ImportError as error:
         raise MissingExtra(
             f"Expected sb3-contrib to be installed, for {path} holds a model of its {name}. "
-            "Run: pip install 'sada-gym[contrib]'"
+            f"{install_line('contrib')}"
         ) from error
     kind: type[Any] = getattr(sb3_contrib, name)
     return kind

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sada_gym.errors import MissingExtra
+from sada_gym.errors import MissingExtra, install_line
 
 
 @contextmanager
@@ -34,8 +34,8 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtra(
         "Expected PyBullet for racing, but it is not installed: it has wheels for Python 3.11 and "
-        "older. There it comes with sada-gym; elsewhere pip install 'sada-gym[racing]' compiles "
-        "it, which takes a C++ compiler and ten minutes."
+        "older. There it comes with sada-gym; elsewhere pip compiles it, which takes a C++ "
+        f"compiler and ten minutes. {install_line('racing')}"
     ) from error
 
 __all__ = ["pybullet"]

@@ -13,7 +13,7 @@ from typing import Any
 
 from sada_gym.arithmetic import arithmetic
 from sada_gym.environment_variables import set_environment_variables
-from sada_gym.errors import MissingExtra, UserError, check_integer
+from sada_gym.errors import MissingExtra, UserError, check_integer, install_line
 from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import inherited_settings
 
@@ -116,7 +116,7 @@ def _distributed() -> Any:
     except ModuleNotFoundError as error:
         raise MissingExtra(
             "Expected the package distributed (Dask) for this executor, but it is not installed. "
-            "Run: pip install sada-gym[cluster]"
+            f"{install_line('cluster')}"
         ) from error
     return distributed
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.errors import FileError, MissingExtra
+from sada_gym.errors import FileError, MissingExtra, install_line
 from sada_gym.frames import Frame
 
 FPS = 20
@@ -24,8 +24,8 @@ def require_encoder() -> None:
         import imageio_ffmpeg  # noqa: F401
     except ModuleNotFoundError as error:
         raise MissingExtra(
-            "Expected imageio-ffmpeg to write an MP4, but it is not installed. Install it with: "
-            "pip install 'sada-gym[video]'. Or write a .gif, which needs nothing else."
+            "Expected imageio-ffmpeg to write an MP4, but it is not installed. "
+            f"{install_line('video')}. Or write a .gif, which needs nothing else."
         ) from error
 
 

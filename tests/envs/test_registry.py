@@ -500,4 +500,4 @@ def test_racing_without_pybullet_says_what_to_install():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "MissingExtra: Expected PyBullet for racing" in done.stderr
-    assert "pip install 'sada-gym[racing]'" in done.stderr
+    assert "pip install -c constraints.txt '.[racing]'" in done.stderr

@@ -351,7 +351,7 @@ class Here:
 
 def test_a_missing_package_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtra, match=r"pip install sada-gym\[cluster\]"):
+    with pytest.raises(MissingExtra, match=r"pip install -c constraints.txt '\.\[cluster\]'"):
         open_executor("dask")
 
 

@@ -15,11 +15,12 @@ from pathlib import Path
 from urllib.parse import unquote, urldefrag, urlsplit
 
 import pytest
-from made_board import CARDS, HOSTILE, Made, make_entries
+from made_board import CARDS, HOSTILE, RACING, Made, make_entries
 
 import leaderboard.site
+from leaderboard import board_tables
 from leaderboard.site import MARK, build_site
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, MissingExtra, UserError
 
 ROOT = Path(__file__).parents[2]
 
@@ -427,3 +428,26 @@ def test_tables_sort_in_a_page_from_a_folder_too(site, browser):
     browser.get((site / "digits.html").as_uri())
     assert find(browser, "details.verified input[type=search]").is_displayed()
     assert browser.get_log("browser") == []
+
+
+def test_a_part_that_is_missing_stops_no_page(entries, few_applications, tmp_path, monkeypatch):
+    known = board_tables.current_target
+
+    def lacking(track, agent):
+        if track in RACING:
+            raise MissingExtra("Expected PyBullet, got none.")
+        return known(track, agent)
+
+    monkeypatch.setattr(board_tables, "current_target", lacking)
+    board_tables.missing_part.cache_clear()
+    try:
+        board = build_site(entries, tmp_path / "site", pictures=False)
+    finally:
+        board_tables.missing_part.cache_clear()
+    page = (tmp_path / "site" / "racing.html").read_text(encoding="utf-8")
+    assert page.count("was not checked. Expected PyBullet, got none.") == 1
+    racing = next(group for group in board.groups if group.card.page == "racing")
+    assert [entry.metadata.name for entry in racing.entries] == ["racer"]
+    assert "uniform worlds" in page  # the entry tells their rate
+    digits = (tmp_path / "site" / "digits.html").read_text(encoding="utf-8")
+    assert "was not checked" not in digits

@@ -131,6 +131,13 @@ def test_a_figure_of_another_row_is_noticed():
     ]
 
 
+def test_the_first_pages_table_has_whoever_is_first_anywhere(entries):
+    shown = {line.split("|")[1].strip() for line in tables.beside_the_first((), entries)}
+    everybody = [line.split("|") for line in tables.side_by_side(None, entries)]
+    first = {cells[1].strip() for cells in everybody if any("**" in cell for cell in cells)}
+    assert {"gp", "level-set"} <= first == shown - {"adversary", "---"}
+
+
 @pytest.mark.long
 def test_the_entries_pass_the_checks_and_are_of_today(entries):
     for entry in entries:

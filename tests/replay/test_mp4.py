@@ -13,7 +13,7 @@ from sada_gym.replay.mp4 import FPS, _at_one_rate, mp4
 
 def test_without_the_package_the_message_names_the_line_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtra, match=r"pip install 'sada-gym\[video\]'"):
+    with pytest.raises(MissingExtra, match=r"pip install -c constraints.txt '\.\[video\]'"):
         mp4([np.zeros((4, 4, 3), np.uint8)], [1.0])
 
 

@@ -113,6 +113,7 @@ class CarlaDrivingApplication(Application):
     render_fps = round(1 / STEP_S / _TICKS_A_FRAME)
     fooling_threshold = 0.6
     sample_size = 100
+    parameters = ParameterSpace(*_MOUNT, *_WEATHERS["presets"])
     repeatable: ClassVar[bool] = False
 
     def __init__(

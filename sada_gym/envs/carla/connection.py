@@ -13,7 +13,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from sada_gym.errors import MissingExtra, ServerLost, UserError, UserTypeError, described
+from sada_gym.errors import (
+    MissingExtra,
+    ServerLost,
+    UserError,
+    UserTypeError,
+    described,
+    install_line,
+)
 
 HOST_VARIABLE = "SADA_CARLA_HOST"
 STEP_S = 0.05
@@ -26,8 +33,8 @@ _POLL_S = 0.2
 _ADDRESS = re.compile(r"([^\s:/,]+)(?::(\d{1,5}(?:,\d{1,5})*))?")
 _HIGHEST_PORT = 65_535 - _TRAFFIC_PORTS_AHEAD
 _INSTALL = (
-    "Run: pip install 'sada-gym[carla]' (CARLA 0.9.16 has wheels for Python 3.10 to 3.12 on Linux "
-    "and Windows)"
+    f"{install_line('carla')} (CARLA 0.9.16 has wheels for Python 3.10 to 3.12 on Linux and "
+    "Windows)"
 )
 
 

@@ -19,7 +19,7 @@ import pytest
 import torch
 
 carla = pytest.importorskip(
-    "carla", reason="Expected CARLA's client. Install it: pip install 'sada-gym[carla]'"
+    "carla", reason="Expected CARLA's client. Install it: pip install '.[carla]'"
 )
 import fake_carla  # noqa: E402
 from fake_carla import lane_driver  # noqa: E402

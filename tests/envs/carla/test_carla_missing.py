@@ -23,7 +23,7 @@ def test_without_the_client_a_sentence_says_how_to_install_it():
     assert done.returncode == 1
     assert "MissingExtra: Expected CARLA's client" in done.stderr
     for told in (done.stdout, done.stderr):
-        assert "pip install 'sada-gym[carla]'" in told
+        assert "pip install -c constraints.txt '.[carla]'" in told
 
 
 def test_it_never_takes_part_in_the_benchmark():

@@ -15,7 +15,7 @@ from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.envs.detection.shapes.obj import read_obj
 from sada_gym.envs.detection.shapes.orientation import Direction, Orientation
 from sada_gym.envs.detection.shapes.triangles import as_text
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, MissingPart, UserError
 from sada_gym.files import Strict, read_toml
 
 LIST = Path(__file__).with_name("textured.toml")
@@ -129,7 +129,7 @@ def _find(model: _Model, file: str, folder: str | None) -> Path:
     for root in roots:
         if (root / file).is_file():
             return root / file
-    raise FileError(
+    raise MissingPart(
         f"Expected {file} in {' or '.join(map(str, roots))} for the models of {model.set}, got no "
         f"such file. {_mending(model)}"
     )
