@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import typer
@@ -26,8 +27,10 @@ def init(
     env_id: str = typer.Argument(
         metavar="ID", help="A Gymnasium environment's id; `module:ID` imports the module first."
     ),
-    agent: Path | None = option(
-        None, "The file of the agent; without one, a stand-in is trained.", metavar="FILE"
+    agent: str | None = option(
+        None,
+        "The agent: its file, module:object or tcp://...; without one, a stand-in is trained.",
+        metavar="FILE|module:object",
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
     max_steps: int | None = option(
@@ -48,6 +51,7 @@ def init(
         check_no_stray_words(context.args, "--env-kwargs a=1 --env-kwargs b=2")
         keywords = key_values(env_kwargs, "--env-kwargs")
         from sada_gym.envs.wrapped.starter import starter_file, train_stand_in
+        from sada_gym.envs.wrapped.toml import find_modules_in
         from sada_gym.files import write_file
         from sada_gym.registration import env_ids
 
@@ -60,13 +64,15 @@ def init(
         check_known("file's ending", [file.suffix.lower()], [".toml"])
         if file.exists():
             raise UserError(f"Expected a new file, got {file}. Remove it, or name another: --out.")
+        find_modules_in(file.parent)
         if agent is None:
-            agent = file.with_suffix(".zip")
-            if agent.exists():
-                say(f"{agent} is there already and is taken as the agent.", console=err)
+            zipped = file.with_suffix(".zip")
+            agent = str(zipped)
+            if zipped.exists():
+                say(f"{zipped} is there already and is taken as the agent.", console=err)
             else:
                 say(f"No --agent: a stand-in learns for {steps:,} steps.", console=err)
-                train_stand_in(env_id, agent, steps, env_kwargs=keywords, max_steps=max_steps)
+                train_stand_in(env_id, zipped, steps, env_kwargs=keywords, max_steps=max_steps)
         starter = starter_file(
             env_id, agent, env_kwargs=keywords, max_steps=max_steps, folder=file.parent
         )
@@ -77,4 +83,6 @@ def init(
     out.print(starter.text, markup=False, highlight=False, soft_wrap=True)
     for note in starter.notes:
         say(note)
-    say(f"Written to {file}. All of it is a guess: look it over. Then: sada-gym attack {file}")
+    say(f"Written to {file}. All of it is a guess: look it over.")
+    if starter.ready:
+        say(f"Then: {shlex.join(['sada-gym', 'attack', str(file)])}")

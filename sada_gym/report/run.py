@@ -15,7 +15,7 @@ from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, Example, read_d
 from sada_gym.errors import FileError, StoreError, UserError, WorkerError, plain
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.command import attack_command
+from sada_gym.experiment.command import attack_command, from_here
 from sada_gym.experiment.finished import check_samples, open_target, read_run, source_of
 from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 from sada_gym.experiment.record import RunReport, RunSettings
@@ -126,11 +126,15 @@ def columns_of(
     """
     source, command = source_of(folder), ""
     if source is not None:
-        command = attack_command(settings, plain(Path(source).name), samples=True)
+        command = attack_command(settings, plain(from_here(source)), samples=True)
     elif env_kwargs is not None:
         given = {name: value for name, value in env_kwargs.items() if name != "agent"}
-        track = settings.experiment.target.track
-        command = attack_command(settings, track, env_kwargs=given, samples=True)
+        target = settings.experiment.target
+        agent = env_kwargs.get("agent", target.agent)
+        if isinstance(agent, str | Path):
+            command = attack_command(
+                settings, target.track, env_kwargs=given, agent=str(agent), samples=True
+            )
     return WorldColumns.of(application, command)
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 from sada_gym.diagnosis.record import Rate, Weakness
 from sada_gym.diagnosis.summary import rows as weakness_rows
+from sada_gym.experiment.command import from_here
 from sada_gym.experiment.summary import summary_rows
 from sada_gym.report.run import ReportedRun, highlights
 from sada_gym.report.thumbnails import World, plot_of
@@ -176,15 +177,17 @@ class RunView:
 
     @property
     def command(self) -> str:
-        """What repeats the run: a command, or a line of Python."""
+        """What repeats the run from the working directory: a command, or a line of Python."""
         if self.run.columns.command:
-            return f"{self.run.columns.command} --out {shlex.quote(self.run.name)}"
+            # the run's own folder is not free
+            out = shlex.quote(f"{from_here(self.run.folder)}-again")
+            return f"{self.run.columns.command} --out {out}"
         sizes = f"budget={self.protocol.budget}, samples={self.protocol.samples}"
         options = self.settings.experiment.adversary.options
         given = f", options={options!r}" if options else ""
         return (
             f"attack(application, {self.adversary!r}, {sizes}, seed={self.settings.seed}{given}, "
-            f"out={self.run.name!r})"
+            f"out={f'{self.run.name}-again'!r})"
         )
 
     def _has(self, world: World) -> bool:

@@ -152,7 +152,7 @@ def _read_attack(folder: Path, rule: str) -> ResultFragment:
         reason = first_error(error)
         raise UserError(f"Expected an entry to be able to hold {folder}, but {reason}.") from error
     result = EntryResult(Result.make(current, [claims]), {claims.seed: samples})
-    command = attack_command(report.settings, track)
+    command = attack_command(report.settings, track, agent=run.target.agent)
     return ResultFragment(str(folder), result, command if len(command) <= _LONGEST_COMMAND else "")
 
 

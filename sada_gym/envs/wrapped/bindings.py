@@ -307,8 +307,9 @@ class Config(_Named):
     It is set before `reset`.
 
     Attributes:
-        name: The entry, with dots between the levels of nested dictionaries
-            (`observation.vehicles_count`); None takes the parameter's name.
+        name: The entry: a key, or a path as `Attribute` has it, with dots between the levels of
+            nested dictionaries (`observation.vehicles_count`) and numbers in lists (`speeds[0]`);
+            None takes the parameter's name.
     """
 
     def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
@@ -319,26 +320,24 @@ class Config(_Named):
                 f"Expected {factory.name} to have a dictionary `config` for {name!r}, got "
                 f"{config!r}. Name an attribute or a keyword instead."
             )
-        for key in (self.name or name).split("."):
-            check_known(f"entry of the configuration of {factory.name}", [key], [*config])
-            config = config[key]
+        if read(env.unwrapped, self._path(name, config)) is MISSING:
+            entry = self.name or name
+            check_known(f"entry of the configuration of {factory.name}", [entry], [*config])
 
     def present(self, name: str, factory: EnvFactory, env: Any) -> Any:  # noqa: ARG002
         """Return the entry's value."""
-        config = env.unwrapped.config
-        for key in (self.name or name).split("."):
-            config = config[key]
-        return _plain(config)
+        return _plain(read(env.unwrapped, self._path(name, env.unwrapped.config)))
 
     def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Write the value into a copy of the configuration before the reset."""
         if after_reset:
             return
-        *above, last = (self.name or name).split(".")
-        env.config = config = deepcopy(env.config)
-        for key in above:
-            config = config[key]
-        config[last] = value
+        env.config = deepcopy(env.config)
+        write(env, self._path(name, env.config), value, must_exist=True)
+
+    def _path(self, name: str, config: Mapping[Any, Any]) -> str:
+        entry = self.name or name
+        return f'config["{entry}"]' if entry in config else f"config.{entry}"
 
 
 @dataclass(frozen=True)

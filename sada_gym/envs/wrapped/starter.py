@@ -22,6 +22,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
+from sada_gym.agents.remote.places import place_of
 from sada_gym.arrays import Floats
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.envs.checks import is_number
@@ -31,7 +32,7 @@ from sada_gym.envs.wrapped.disturbances import ActionDelay, ObservationDelay, Ob
 from sada_gym.envs.wrapped.factory import EnvFactory, has_time_limit
 from sada_gym.envs.wrapped.paths import read
 from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
-from sada_gym.envs.wrapped.toml import KINDS
+from sada_gym.envs.wrapped.toml import KINDS, agent_of, find_modules_in
 from sada_gym.errors import FileError, UserError, explained
 
 EPISODES = 20
@@ -53,7 +54,8 @@ _NO_PHYSICS = re.compile(
 )
 _PHYSICS = re.compile(
     r"gravity|mass|friction|damp|force|power|wind|turbulence|torque|density|speed|vel|length|"
-    r"^[glm]\d?$|magnitude|noise|delay|slip|size|drag|stiff"
+    r"^[glm]\d?$|magnitude|noise|delay|slip|size|drag|stiff|"
+    r"gust|payload|load|slope|tilt|bias|drift"
 )
 
 
@@ -73,10 +75,11 @@ class _Candidate:
 
 @dataclass(frozen=True)
 class StarterFile:
-    """A first TOML file: its text, and what was guessed, a sentence each."""
+    """A first TOML file: its text, what was guessed, a sentence each, and if it can be attacked."""
 
     text: str
     notes: tuple[str, ...]
+    ready: bool
 
 
 def starter_file(
@@ -96,7 +99,7 @@ def starter_file(
 
     Args:
         env_id: The environment's id, or `module:id`.
-        agent: The file of the agent.
+        agent: The agent as a TOML file names it, but a file relative to the working directory.
         env_kwargs: Keywords that every environment gets.
         max_steps: The limit of steps of an episode; None keeps the environment's own, or takes
             `LIMIT` where it has no `TimeLimit`.
@@ -105,9 +108,16 @@ def starter_file(
     Raises:
         UserError: If the environment or the agent cannot be used, or nothing can be changed.
     """
-    agent = Path(agent)
-    if not agent.is_file():
-        raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
+    folder = folder or Path()
+    find_modules_in(folder)
+    # a file's path and a program's parts are relative to the file that names them
+    opened = agent_of(str(agent), Path.cwd() / "starter.toml")
+    named = str(agent)
+    if isinstance(opened, Path):
+        if not opened.is_file():
+            raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
+        named = Path(os.path.relpath(opened, folder)).as_posix()
+    is_imported = not isinstance(opened, Path) and place_of(named, folder) is None
     keywords = dict(env_kwargs or {})
     factory, limits = _limited(EnvFactory(env_id, keywords, max_steps))
     make = partial(
@@ -127,17 +137,19 @@ def starter_file(
                 f"Expected something in {factory.name} that a parameter can set, got nothing. "
                 "Write the file by hand, with a function of your own: see own-agent.md."
             )
-        trials = _Trials(make, agent, candidates)
+        trials = _Trials(make, opened, candidates)
         works = [c for c in candidates if trials.changes(c)]
         agents, chance = trials.nominal(), trials.at_random()
     chosen = sorted(works, key=lambda candidate: candidate.rank)[:MAX_PARAMETERS] or candidates[:1]
     score, threshold, notes = _score(agents, chance)
     others = [c for c in candidates if c not in chosen]
-    named = agent if folder is None else _relative(agent, folder)
-    text = _toml(factory, named, score, threshold, chosen, others, trials.dead)
+    text = _toml(
+        factory, _agent_lines(named, is_imported), score, threshold, chosen, others, trials.dead
+    )
     listed = ", ".join(candidate.name for candidate in chosen)
     ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
-    return StarterFile(text, (f"Parameters: {listed}. {ranges} what can happen.", *limits, *notes))
+    notes = (f"Parameters: {listed}. {ranges} what can happen.", *limits, *notes)
+    return StarterFile(text, notes, threshold is not None)
 
 
 def _limited(factory: EnvFactory) -> tuple[EnvFactory, list[str]]:
@@ -155,7 +167,7 @@ class _Trials:
     """Episodes of the agent in the nominal world, and in worlds that differ in one parameter."""
 
     def __init__(
-        self, make: Callable[..., GymnasiumApplication], agent: Path, candidates: list[_Candidate]
+        self, make: Callable[..., GymnasiumApplication], agent: Any, candidates: list[_Candidate]
     ) -> None:
         self.dead: list[str] = []
         self._make, self._agent, self._candidates = make, agent, candidates
@@ -235,11 +247,14 @@ def _candidates(factory: EnvFactory) -> Iterator[_Candidate]:
         known = set[str]()
         for name, value in _keywords(type(world), factory).items():
             known.add(name)
-            yield _around(name, Keyword, value)
+            yield _around(name, Keyword, value or 0.0)
         config = getattr(world, "config", None)
-        for name, value in (config if isinstance(config, dict) else {}).items():
-            if _is_physics(name, value) and name not in known:
-                yield _around(name, Config, value)
+        for name, value in _entries(config if isinstance(config, dict) else {}):
+            word = re.sub(r"\W", "_", name)
+            if _is_physics(name, value) and word not in known:
+                known.add(word)
+                target = {} if word == name else {"name": name}
+                yield _around(name, Config, value, **target)
         for name, (path, value) in _steady(env, world).items():
             if name not in known:
                 target = {} if path == name else {"paths": path}
@@ -251,13 +266,30 @@ def _candidates(factory: EnvFactory) -> Iterator[_Candidate]:
     yield _Candidate("action_delay", ActionDelay(0, 3, integer=True, unit="steps"), 0.0)
 
 
+def _entries(config: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
+    """List what stands in a configuration, and in dictionaries and lists within it, by path."""
+    for key, value in config.items():
+        if isinstance(value, Mapping) and _is_word(key):
+            inside = _entries({name: item for name, item in value.items() if _is_word(name)})
+            yield from ((f"{key}.{name}", item) for name, item in inside)
+        elif isinstance(value, list) and _is_word(key):
+            yield from ((f"{key}[{i}]", item) for i, item in enumerate(value))
+        elif isinstance(key, str):
+            yield key, value
+
+
+def _is_word(key: Any) -> bool:
+    return isinstance(key, str) and key.isidentifier()
+
+
 def _keywords(kind: type, factory: EnvFactory) -> dict[str, float]:
     given = {name: p.default for name, p in inspect.signature(kind).parameters.items()}
     given |= {name: p.default for name, p in factory.parameters.items()}
     return {
         name: value
         for name, value in given.items()
-        if name not in factory.env_kwargs and _is_physics(name, value)
+        if name not in factory.env_kwargs
+        and (_is_physics(name, value) or (_is_number(value) and not value and _sounds(name)))
     }
 
 
@@ -290,13 +322,22 @@ def _at(world: Any, path: str) -> Any:
 
 
 def _is_physics(name: str, value: Any) -> bool:
-    is_one = is_number(value) and not isinstance(value, bool) and math.isfinite(value) and value
-    return bool(is_one) and not _NO_PHYSICS.search(name.lower())
+    return bool(_is_number(value) and value) and not _NO_PHYSICS.search(name.lower())
+
+
+def _is_number(value: Any) -> bool:
+    return is_number(value) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _sounds(name: str) -> bool:
+    """Whether a number that is zero now sounds like physics, such as `wind_power` or `payload`."""
+    name = name.lower()
+    return bool(_PHYSICS.search(name)) and not _NO_PHYSICS.search(name)
 
 
 def _around(name: str, /, kind: Any, value: float, **target: str) -> _Candidate:
-    """Propose half to twice a value; whole numbers stay whole."""
-    low, high = sorted((value / 2, value * 2))
+    """Propose half to twice a value, of zero up to one; whole numbers stay whole."""
+    low, high = sorted((value / 2, value * 2 or 1.0))
     name = re.sub(r"\W", "_", name)
     if isinstance(value, int):
         whole = kind(math.floor(low), math.ceil(high), integer=True, **target)
@@ -348,11 +389,17 @@ def _differs(one: Episode, other: Episode) -> bool:
 
 def _score(
     agents: Sequence[Episode], chance: Sequence[Episode]
-) -> tuple[str, float, tuple[str, ...]]:
-    """Choose a score and a threshold, and say why."""
+) -> tuple[str, float | None, tuple[str, ...]]:
+    """Choose a score and a threshold, None where the agent is no good, and say why."""
     if all({*SUCCESS_KEYS} & {*episode.infos[-1]} for episode in (*agents, *chance)):
         rate = np.mean([Success()(episode)[0] for episode in agents])
-        said = f'Score: "success". The agent succeeds in {rate:.0%} of {EPISODES} nominal episodes.'
+        luck = np.mean([Success()(episode)[0] for episode in chance])
+        said = (
+            f'Score: "success". The agent succeeds in {rate:.0%} of {EPISODES} nominal episodes, '
+            f"random actions in {luck:.0%}."
+        )
+        if rate <= luck:
+            return json.dumps("success"), None, (said, _NO_BETTER)
         return json.dumps("success"), 0.5, (said, *_doubt(float(1 - rate)))
     ours, random = _returns(agents), _returns(chance)
     good, bad = float(np.median(ours)), float(np.median(random))
@@ -362,25 +409,27 @@ def _score(
     low = 0.0 if (rewards >= 0).all() else _rounded(worst - margin, math.floor)
     # rewards that never differ have a best return: that of the longest episode
     high = best if len(set(rewards.tolist())) == 1 else _rounded(best + margin, math.ceil)
-    is_trained = good > bad
-    limit = (good + bad) / 2 if is_trained else float(np.quantile(ours, 0.1))
-    threshold = round((limit - low) / (high - low), 2)
+    text = f'["return", {low!r}, {high!r}]'
+    threshold = round(((good + bad) / 2 - low) / (high - low), 2)
     limit = low + threshold * (high - low)
-    where = "halfway between the agent and random actions"
     notes = [
         f"Score: the return, from {low:g} to {high:g}. In {EPISODES} nominal episodes the agent "
         f"gets {ours.min():.4g} to {ours.max():.4g}, random actions {random.min():.4g} to "
         f"{random.max():.4g}.",
-        f"Threshold {threshold:g}: a return of at most {limit:.4g} counts as a failure, "
-        f"{where if is_trained else 'about the worst tenth of nominal episodes'}.",
     ]
-    if not is_trained:
-        notes.append(
-            "The agent does no better than random actions: train it, or check that it belongs to "
-            "this environment."
-        )
-    text = f'["return", {low!r}, {high!r}]'
+    if good <= bad:
+        return text, None, (*notes, _NO_BETTER)
+    notes.append(
+        f"Threshold {threshold:g}: a return of at most {limit:.4g} counts as a failure, halfway "
+        "between the agent and random actions."
+    )
     return text, threshold, (*notes, *_doubt(float(np.mean(ours <= limit))))
+
+
+_NO_BETTER = (
+    "The agent does no better than random actions, so the file has no threshold, and no attack on "
+    "it would say anything: train it longer, or check that it belongs to this environment."
+)
 
 
 def _doubt(failing: float) -> list[str]:
@@ -402,15 +451,11 @@ def _rounded(value: float, towards: Callable[[float], int]) -> float:
     return float(f"{towards(value / step) * step:.6g}")
 
 
-def _relative(agent: Path, folder: Path) -> Path:
-    return Path(os.path.relpath(agent, folder))
-
-
 def _toml(
     factory: EnvFactory,
-    agent: Path,
+    agent: Sequence[str],
     score: str,
-    threshold: float,
+    threshold: float | None,
     chosen: Sequence[_Candidate],
     others: Sequence[_Candidate],
     dead: Sequence[str],
@@ -418,9 +463,11 @@ def _toml(
     lines = [
         "# A first guess by `sada-gym init`: look at every line before you trust a result.",
         f"environment = {json.dumps(factory.identity)}",
-        f"agent = {json.dumps(agent.as_posix())}",
+        *agent,
         f"score = {score}",
-        f"fooling_threshold = {threshold!r}",
+        "# fooling_threshold =   # choose one when the agent is better than random actions"
+        if threshold is None
+        else f"fooling_threshold = {threshold!r}",
     ]
     if factory.max_steps is not None:
         lines.append(f"max_steps = {factory.max_steps}")
@@ -434,6 +481,13 @@ def _toml(
         note = "  # changed nothing when it was tried" if candidate.name in dead else ""
         lines.append(f"# {_line(candidate)}{note}")
     return "\n".join(lines) + "\n"
+
+
+def _agent_lines(named: str, is_imported: bool) -> list[str]:
+    lines = [f"agent = {json.dumps(named)}"]
+    if is_imported:
+        lines.append(f"agent_id = {json.dumps(named)}  # change it whenever the agent changes")
+    return lines
 
 
 def _line(candidate: _Candidate) -> str:

@@ -10,6 +10,7 @@ import importlib
 import inspect
 import os
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import date, time
@@ -74,7 +75,7 @@ def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplica
 
     Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
     a table with a `kind` of `KINDS` and that binding's fields. Paths in it are relative to its
-    folder. An agent `module:object` is imported.
+    folder. An agent `module:object` is imported, and a module may lie in that folder.
 
     Args:
         path: The TOML file.
@@ -86,7 +87,16 @@ def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplica
             raises it.
     """
     path = as_path(path, "a TOML file")
-    return application_of(read_toml(path), path, agent=agent)
+    table = read_toml(path)
+    find_modules_in(path.parent)
+    return application_of(table, path, agent=agent)
+
+
+def find_modules_in(folder: Path) -> None:
+    """Let modules be imported from a folder, behind all others."""
+    place = str(folder.absolute())
+    if place not in sys.path:
+        sys.path.append(place)
 
 
 def application_of(
@@ -109,7 +119,7 @@ def application_of(
     _check_values(table, path)
     _check_types(table, keys, path)
     agents = {key: table[key] for key in ("agent", "privileged") if key in table}
-    arguments = {**table, **{key: _agent(given, path, key) for key, given in agents.items()}}
+    arguments = {**table, **{key: agent_of(given, path, key) for key, given in agents.items()}}
     if agent is not None:
         arguments["agent"] = agent
     if "valid" in table:
@@ -216,7 +226,8 @@ def _check_types(
             )
 
 
-def _agent(text: str | list[Any], path: Path, key: str) -> Any:
+def agent_of(text: str | list[Any], path: Path, key: str = "agent") -> Any:
+    """Return the agent that a file names: where it is, or the imported object."""
     place = place_of(text, path.parent)
     if place is not None or isinstance(text, list):
         return place
@@ -233,8 +244,8 @@ def _imported(text: str, path: Path, key: str, expected: str) -> Any:
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
         raise UserError(
             f"Expected {key!r} in {path} to be {expected}, got {text!r} "
-            f"({described(error)}). Set PYTHONPATH to the folder that holds the "
-            "module."
+            f"({described(error)}). Put the module beside the file, or set PYTHONPATH to the folder "
+            "that holds it."
         ) from error
 
 

@@ -100,10 +100,68 @@ def test_the_threshold_lies_between_the_agent_and_random_actions(tmp_path, agent
     assert "halfway between" in " ".join(starter.notes)
 
 
-def test_an_agent_that_is_no_better_than_chance_is_told(tmp_path, agent, monkeypatch):
+def test_an_agent_that_is_no_better_than_chance_gets_no_threshold(tmp_path, agent, monkeypatch):
     monkeypatch.setattr(PPO, "predict", lambda self, seen, **_: (np.zeros(len(seen), int), None))
-    notes = " ".join(starter_file("Slide-v0", agent).notes)
-    assert "does no better than random actions" in notes
+    file = tmp_path / "slide.toml"
+    result = invoke("Slide-v0", "--agent", agent, "--out", file)
+    assert result.exit_code == 0, result.output
+    assert "does no better than random actions" in result.stdout
+    assert "sada-gym attack" not in result.stdout.rpartition("Written to")[2]
+    assert "fooling_threshold" not in read_toml(file)
+
+
+class Hall(gym.Env):
+    """Nested settings, and wind and load that are zero by default; success is luck."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (1,))
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self, wind_gust: float = 0, payload: float = 0.0, count: int = 0):
+        self.wind_gust, self.payload = wind_gust, payload
+        self.config = {
+            "floor": {"friction": 0.5, "name": "wood"},
+            "light.power": 2.0,
+            3: 4.0,
+            "speeds": [2.0],
+        }
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        push = self.wind_gust + self.payload + self.config["floor"]["friction"]
+        push += self.config["light.power"] + self.config["speeds"][0] + action
+        return np.array([push], np.float32), push, False, False, {"is_success": False}
+
+
+HALL = "def rest(observation):\n    return 0\n"
+
+
+def test_zeros_nested_settings_and_an_agent_of_a_module_beside_the_file(tmp_path):
+    gym.register("Hall-v0", entry_point=Hall, max_episode_steps=4)
+    try:
+        (tmp_path / "hall_agents.py").write_text(HALL)
+        file = tmp_path / "hall.toml"
+        result = invoke("Hall-v0", "--agent", "hall_agents:rest", "--out", file)
+        assert result.exit_code == 0, result.output
+        table = read_toml(file)
+        assert table["agent"] == "hall_agents:rest"
+        parameters = table["parameters"]
+        assert parameters["wind_gust"] == parameters["payload"] == [0.0, 1.0]
+        nested = {"kind": "config", "low": 0.25, "high": 1.0, "name": "floor.friction"}
+        assert parameters["floor_friction"] == nested
+        assert parameters["speeds_0_"] == nested | {"low": 1.0, "high": 4.0, "name": "speeds[0]"}
+        assert parameters["light_power"]["name"] == "light.power"
+        assert "count" not in parameters
+        assert "fooling_threshold" not in table  # neither ever succeeds
+        file.write_text(
+            file.read_text().replace("# fooling_threshold =", "fooling_threshold = 0.5")
+        )
+        done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=4, workers=2)
+        assert len(done.samples) == 4
+    finally:
+        del gym.registry["Hall-v0"]
 
 
 def total_speeds(action, speed=1.0):
