@@ -158,7 +158,7 @@ def test_zeros_nested_settings_and_an_agent_of_a_module_beside_the_file(tmp_path
         file.write_text(
             file.read_text().replace("# fooling_threshold =", "fooling_threshold = 0.5")
         )
-        done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=4, workers=2)
+        done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=4)
         assert len(done.samples) == 4
     finally:
         del gym.registry["Hall-v0"]
