@@ -244,8 +244,8 @@ def _imported(text: str, path: Path, key: str, expected: str) -> Any:
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
         raise UserError(
             f"Expected {key!r} in {path} to be {expected}, got {text!r} "
-            f"({described(error)}). Put the module beside the file, or set PYTHONPATH to the folder "
-            "that holds it."
+            f"({described(error)}). Put the module beside the file, or set PYTHONPATH to the "
+            "folder that holds it."
         ) from error
 
 
