@@ -171,7 +171,10 @@ def test_commits_survive_a_kill_and_the_lock_does_not(path):
     subprocess.run([sys.executable, "-c", DIE, str(path)], check=False)
     with EvaluationStore(path) as store:
         assert len(store) == 3
-        key = store.context(ApplicationKey.of(Toy()))
+        settings = {"dimension": 3, "offset": 0.0}
+        key = store.context(
+            ApplicationKey(name="Toy", version=0, settings=settings, fingerprint="toy")
+        )
         mu = np.array([[0.0] * 3, [0.25] * 3, [0.5] * 3], np.float32)
         assert store.lookup(key, mu, [0, 1, 2]).tolist() == [0.0, 0.125, 0.25]
 
