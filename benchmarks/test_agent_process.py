@@ -30,7 +30,7 @@ def test_an_agent_in_its_own_process_costs_little(worlds, tmp_path, record_prope
         GymnasiumApplication(
             "CartPole-v1",
             agent=agent,
-            parameters={"length": (0.4, 0.6)},
+            parameters={"force_mag": (8.0, 12.0)},
             score=("length", 500),
             fooling_threshold=0.5,
         )

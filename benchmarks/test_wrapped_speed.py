@@ -16,7 +16,7 @@ from sada_gym.envs.wrapped import ObservationNoise
 
 WORLDS, LOOP_STEPS, ROUNDS = 64, 1_500, 3
 CASES = {
-    "CartPole-v1": ({"gravity": (5.0, 20.0), "length": (0.2, 2.0)}, ("return", 0.0, 500.0)),
+    "CartPole-v1": ({"gravity": (5.0, 20.0), "force_mag": (5.0, 20.0)}, ("return", 0.0, 500.0)),
     "LunarLander-v3": ({"gravity": (-11.9, -4.0)}, ("return", -500.0, 300.0)),
 }
 FOUND: dict[str, str] = {}

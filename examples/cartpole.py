@@ -3,10 +3,8 @@
     python examples/cartpole.py
 
 CartPole has no keywords for its physics, so that the parameters are attributes of the environment.
-The mass of the pole enters two more attributes, and a function sets all three.
+Its constructor computes two more attributes from them, which `derived` computes anew in each world.
 """
-
-from typing import Any
 
 import torch
 from stable_baselines3 import PPO
@@ -14,7 +12,7 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from sada_gym import GymnasiumApplication
 from sada_gym.attack import attack
-from sada_gym.envs.wrapped import Attribute, Function, ObservationDelay
+from sada_gym.envs.wrapped import Attribute, ObservationDelay
 
 TRAINING_STEPS = 60_000
 
@@ -38,13 +36,6 @@ def train() -> PPO:
     return agent.learn(TRAINING_STEPS)
 
 
-def set_pole_mass(env: Any, mass_kg: float) -> None:
-    """Set the mass of the pole and what CartPole derives from it."""
-    env.masspole = mass_kg
-    env.total_mass = env.masscart + mass_kg
-    env.polemass_length = mass_kg * env.length
-
-
 def make_application(agent: PPO) -> GymnasiumApplication:
     """Q is the share of 500 steps for which the pole stays up.
 
@@ -55,14 +46,14 @@ def make_application(agent: PPO) -> GymnasiumApplication:
         agent=agent,
         parameters={
             "length": Attribute(0.25, 1.0, unit="m"),  # from the joint to the middle of the pole
-            "pole_mass": Function(0.05, 0.2, unit="kg", set=set_pole_mass),
+            "masspole": Attribute(0.05, 0.2, unit="kg"),
             "gravity": Attribute(4.9, 19.6, unit="m/s²"),
             "force_mag": Attribute(5.0, 20.0, unit="N"),
             "delay": ObservationDelay(0, 2, unit="steps"),  # of 0.02 s each
         },
+        derived={"total_mass": "masspole + masscart", "polemass_length": "masspole * length"},
         score=("length", 500),
         fooling_threshold=0.5,
-        agent_id="ppo, set_pole_mass 1",  # names the agent and our function: change it with them
     )
 
 

@@ -30,6 +30,7 @@ def make_application(agent: PPO) -> GymnasiumApplication:
             "force_mag": (5.0, 20.0),
             "delay": ObservationDelay(0, 2, unit="steps"),
         },
+        derived={"polemass_length": "masspole * length"},
         score=("length", 500),
         fooling_threshold=0.5,
     )

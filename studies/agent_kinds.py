@@ -27,6 +27,7 @@ from sada_gym.testing.purity import assert_pure
 POLE = {
     "environment": "CartPole-v1",
     "parameters": {"gravity": (5.0, 20.0), "length": (0.2, 2.0)},
+    "derived": {"polemass_length": "masspole * length"},
     "score": ("length", 100),
     "max_steps": 100,
 }

@@ -68,6 +68,7 @@ class Case:
     extra: str = "studies"
     policy: str = "MlpPolicy"
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    derived: Mapping[str, str] | None = None
 
     @property
     def name(self) -> str:
@@ -126,6 +127,7 @@ def stand_at_17(seen: Any) -> int:
 
 
 HALF_TO_TWICE = partial(Attribute, 0.5, 2.0, factor=True)
+MASS = HALF_TO_TWICE(paths=("model.body_mass", "model.body_inertia"))
 CASES = (
     Case(
         "CartPole-v1",
@@ -134,6 +136,7 @@ CASES = (
         ("length", 100),
         "PPO",
         100,
+        derived={"polemass_length": "masspole * length"},
     ),
     Case("Acrobot-v1", "gymnasium", {"LINK_MASS_1": (0.5, 2.0)}, ("return", -200, 0), "DQN", 200),
     Case("FrozenLake-v1", "gymnasium", {"success_rate": (0.2, 1.0)}, ("return", 0, 1), "A2C", 100),
@@ -169,7 +172,7 @@ CASES = (
         "mujoco",
         {
             "friction": HALF_TO_TWICE(paths="model.geom_friction[:,0]"),
-            "mass": HALF_TO_TWICE(paths="model.body_mass"),
+            "mass": MASS,
             "timestep": HALF_TO_TWICE(paths="model.opt.timestep"),
         },
         ("return", 0, 200),
@@ -230,7 +233,7 @@ CASES = (
     Case(
         "gymnasium_robotics:PointMaze_UMaze-v3",
         "gymnasium-robotics",
-        {"mass": HALF_TO_TWICE(paths="model.body_mass"), "noise": ActionNoise(0.0, 1.0)},
+        {"mass": MASS, "noise": ActionNoise(0.0, 1.0)},
         "success",
         reach,
         100,
@@ -336,6 +339,7 @@ def cells(case: Case, out: Path) -> Iterator[str]:
         fooling_threshold=0.5,
         max_steps=case.max_steps,
         env_kwargs=case.env_kwargs,
+        derived=case.derived,
         agent_id="a small agent",
     )
     with closing(application):

@@ -23,7 +23,7 @@ import cloudpickle
 
 from sada_gym.application import Application
 from sada_gym.environment_variables import environment_variables
-from sada_gym.errors import UserError, UserTypeError, WorkerError, described
+from sada_gym.errors import Notice, UserError, UserTypeError, WorkerError, described
 from sada_gym.evaluation import watch
 from sada_gym.evaluation.problems import Answer, Registered, Scorer, score
 from sada_gym.evaluation.spawn import spawn_context, without_main
@@ -258,6 +258,8 @@ def _send_warning(
 ) -> None:
     # a full pipe would stop the worker until the parent reads it, which waits for the worker
     text = str(message)
+    if issubclass(category, Notice):  # the parent opens the application, too, and has said it
+        return
     if len(_sent_warnings) < _MOST_WARNINGS and text not in _sent_warnings:
         _sent_warnings.add(text)
         # the parent may be unable to import the category of another library

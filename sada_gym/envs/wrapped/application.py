@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -39,7 +40,21 @@ from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.behaviour import behaviour
-from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
+from sada_gym.envs.wrapped.bindings import (
+    Attribute,
+    Config,
+    ParameterBinding,
+    as_binding,
+    as_json,
+    check_distinct,
+)
+from sada_gym.envs.wrapped.constructed import (
+    by_keywords,
+    describe_stale,
+    describe_unscaled,
+    stale_attributes,
+)
+from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (
     EpisodeSpec,
     EpisodeStart,
@@ -147,6 +162,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             of the parameters' values by name, or a list of them, which must all hold. Other worlds
             are never computed, and no sample is drawn there; an adversary that asks sees an invalid
             world. The region must hold at least a thousandth of the box.
+        derived: Attributes of `env.unwrapped` that follow from others, and how, such as
+            `{"total_mass": "masspole + masscart"}`: by paths and expressions like those of
+            `feasible`, whose names are attributes or parameters. They are computed in every
+            episode once the parameters are set, before `reset` and after it. A warning says where
+            one is missing: where a constructor computed an attribute from one that a parameter
+            sets, it keeps its old value.
         timeout: Seconds that the environment may take for an episode. A worker process is stopped
             in a call that takes longer, so use `workers=2` or more; a single process cannot
             interrupt a call.
@@ -164,12 +185,15 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         >>> application = GymnasiumApplication(
         ...     "CartPole-v1", agent=lambda state: int(state[2] + state[3] > 0),
         ...     parameters={"gravity": (5.0, 20.0), "length": (0.2, 2.0)},
+        ...     derived={"polemass_length": "masspole * length"},
         ...     score=("return", 0.0, 500.0), fooling_threshold=0.5, agent_id="by hand",
         ... )
     """
 
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
+    stale: dict[str, str]
+    """The attributes that do not follow the parameters, and the formulas, "" where unknown."""
     nominal: Floats32 | None
     """Of each binding its `nominal`, or what the environment has.
 
@@ -196,6 +220,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         on_error: OnError = "invalid",
         valid: Callable[[Any], bool | str] | None = None,
         feasible: FeasibleLike | None = None,
+        derived: Mapping[str, str] | None = None,
         timeout: float | None = None,
         agent_timeout: float = 300.0,
         privileged: Any = None,
@@ -236,7 +261,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
             self._vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
         with closing(factory.make({})) as env:
-            self.episode_spec = self._explore(env, factory, parameters, as_score(score))
+            self.episode_spec = self._explore(env, factory, parameters, as_score(score), derived)
         if name is not None:
             self.name = name  # type: ignore[misc]
         check_declared(self)
@@ -265,6 +290,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         factory: EnvFactory,
         parameters: Mapping[str, Any],
         score: Score,
+        derived: Mapping[str, str] | None,
     ) -> EpisodeSpec:
         self._metadata = dict(env.metadata)
         fps: Any = self._metadata.get("render_fps")
@@ -314,6 +340,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             self._valid,
             self._timeout,
             nan_observed,
+            Derived.given(derived, bindings, factory, env),
         )
 
     def _check_ranges(self) -> None:
@@ -322,7 +349,36 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         permitted = self.permits(corners)
         worlds = corners if permitted is None else corners[permitted]
         spec = replace(self.episode_spec, on_error="raise")
-        GymnasiumEpisodes(spec, self._starts(worlds, [0, 0][: len(worlds)])).close()
+        starts = self._starts(worlds, [0, 0][: len(worlds)])
+        with closing(GymnasiumEpisodes(spec, starts)) as episodes:
+            self._find_stale(episodes.running[:: self._episode_count])
+
+    def _find_stale(self, running: Sequence[RunningEpisode]) -> None:
+        """Warn of attributes that do not follow the parameters, so that the physics is wrong."""
+        bindings, factory = self.episode_spec.bindings.items(), self.episode_spec.factory
+        self.stale, derived = {}, self.episode_spec.derived
+        roots = {Attribute: "", Config: "config."}
+        places = [(roots[type(b)], b.targets(key)) for key, b in bindings if type(b) in roots]
+        targets = [f"{root}{path}" for root, paths in places for path in paths]
+        worlds = [episode.env.unwrapped for episode in running if episode.env is not None]
+        with ExitStack() as stack:
+
+            @cache
+            def make(*keywords: tuple[str, Any]) -> Any:
+                env = stack.enter_context(closing(factory.make(dict(keywords))))
+                spec = replace(self.episode_spec, bindings={})
+                env.reset(**reset_arguments(spec, EpisodeStart({}, 0, 0)))
+                return env.unwrapped
+
+            if targets and worlds:
+                keywords = [t for t in targets if t in factory.keywords]
+                self.stale = stale_attributes(targets, worlds, make)
+                self.stale = self.stale or by_keywords(keywords, worlds[-1], make)
+            told = describe_stale(self.stale)
+            if worlds:
+                told += describe_unscaled([*targets, *derived.formulas], worlds[0])
+        if told:
+            warnings.warn(f"In {factory.name} {told}", Notice, stacklevel=4)
 
     def _check_region(self) -> None:
         if not self._feasible.conditions:
@@ -423,6 +479,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "on_error": None if self._on_error == "invalid" else self._on_error,
             "valid": None if self._valid is None else code_name(self._valid),
             "feasible": self._feasible.settings or None,
+            "derived": self.episode_spec.derived.settings or None,
             "timeout": None if self._timeout is None else float(self._timeout),
             "privileged": None if self._privileged is None else self._privileged.key,
         }
@@ -501,7 +558,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """
         spec = replace(self.episode_spec, score=Length(1))  # one that keeps no observations
         if mu is None:
-            spec, values = replace(spec, bindings={}), {}
+            spec, values = replace(spec, bindings={}, derived=Derived()), {}
         else:
             row, seed = validate_world(self.parameters, mu, seed)
             (values,) = self._values(row)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,7 @@ from sada_gym.envs.checks import has_nan
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
 from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOption
+from sada_gym.envs.wrapped.derived import Derived, update_mujoco
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
@@ -93,6 +94,7 @@ class EpisodeSpec:
     valid: Callable[[Any], bool | str] | None = None
     timeout: float | None = None
     nan_observed: bool = False
+    derived: Derived = field(default_factory=Derived)
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
@@ -362,6 +364,11 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         for name, binding in self._spec.bindings.items():
             value = self._start.value(name)
             binding.apply(name, value, self.unwrapped, after_reset=after_reset)
+        derived = self._spec.derived
+        derived.apply(self.unwrapped, self._start.values, after_reset=after_reset)
+        targets = [t for name, b in self._spec.bindings.items() for t in b.targets(name)]
+        if any(str(t).startswith("model.") for t in (*targets, *derived.formulas)):
+            update_mujoco(self.unwrapped)
 
     def _broken(self, what: str, error: BaseException) -> InvalidWorld:
         expected = f"Expected {self._spec.factory.name} to make {what} {self._world}"

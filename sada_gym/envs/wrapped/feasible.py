@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -70,34 +70,39 @@ class Expression:
 
     text: str
     names: tuple[str, ...]
+    role: ClassVar[str] = "feasible"
+    example: ClassVar[str] = "mass * gravity < 30"
 
     def __post_init__(self) -> None:
         """Check all its parts."""
-        known = [*map(_spelling, self.names)]
         for part in ast.walk(self._tree):
             if isinstance(part, ast.Name) and part.id not in FUNCTIONS:
-                check_known(f"name in feasible={self.text!r}", [part.id], known)
-                alike = [n for n in self.names if _spelling(n) == part.id]
-                if len(alike) > 1 and part.id not in alike:
-                    raise UserError(
-                        f"Expected one parameter that {part.id} in feasible={self.text!r} stands "
-                        f"for, got {' and '.join(alike)}. Rename one of them."
-                    )
+                self._check_name(part.id)
             elif isinstance(part, ast.Call):
                 name = part.func.id if isinstance(part.func, ast.Name) else "?"
-                check_known(f"function in feasible={self.text!r}", [name], [*FUNCTIONS])
+                check_known(f"function in {self.role}={self.text!r}", [name], [*FUNCTIONS])
             bad = isinstance(part, ast.expr) and not isinstance(part, _PARTS)
             sign = isinstance(part, ast.operator | ast.unaryop | ast.cmpop)
             if bad or (sign and type(part) not in _OPERATORS) or not _is_plain(part):
                 raise UserError(
-                    f"Expected arithmetic and comparisons in feasible={self.text!r}, got "
-                    f"{type(part).__name__}. Pass a function of the values in Python instead."
+                    f"Expected arithmetic and comparisons in {self.role}={self.text!r}, got "
+                    f"{type(part).__name__}. Pass a function of your own in Python instead."
                 )
+        self._check_kind()
+
+    def _check_name(self, name: str) -> None:
+        check_known(f"name in feasible={self.text!r}", [name], [*map(spelling, self.names)])
+        alike = [other for other in self.names if spelling(other) == name]
+        if len(alike) > 1 and name not in alike:
+            raise UserError(
+                f"Expected one parameter that {name} in feasible={self.text!r} stands for, got "
+                f"{' and '.join(alike)}. Rename one of them."
+            )
+
+    def _check_kind(self) -> None:
         truth = isinstance(self._tree, ast.Compare | ast.BoolOp)
         if not truth and not isinstance(getattr(self._tree, "op", None), ast.Not):
-            raise UserError(
-                f"Expected a comparison, such as 'mass * gravity < 30', got {self.text!r}."
-            )
+            raise UserError(f"Expected a comparison, such as {self.example!r}, got {self.text!r}.")
 
     @cached_property
     def _tree(self) -> ast.expr:
@@ -107,15 +112,18 @@ class Expression:
             return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             raise UserError(
-                f"Expected an expression such as 'mass * gravity < 30' as feasible, got "
+                f"Expected an expression such as {self.example!r} as {self.role}, got "
                 f"{self.text[:100]!r} ({getattr(error, 'msg', error)})."
             ) from error
 
-    def __call__(self, values: Mapping[str, Any]) -> bool:
+    def __call__(self, values: Mapping[str, Any]) -> Any:
         """Say whether it holds for the values of the parameters."""
-        spelled = {_spelling(name): value for name, value in values.items()}
-        named = {name: _plain(value) for name, value in {**spelled, **values}.items()}
-        return bool(_value(self._tree, named))
+        spelled = {spelling(name): value for name, value in values.items()}
+        return bool(self.value({**spelled, **values}))
+
+    def value(self, named: Mapping[str, Any]) -> Any:
+        """Compute it from the values of its names."""
+        return _value(self._tree, {name: _plain(value) for name, value in named.items()})
 
 
 def _value(part: ast.expr, named: Mapping[str, Any]) -> Any:
@@ -152,7 +160,8 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, int | float | np.number) else value
 
 
-def _spelling(name: str) -> str:
+def spelling(name: str) -> str:
+    """Return how a parameter's name is written in an expression."""
     return re.sub(r"\W", "_", unicodedata.normalize("NFKC", name))  # as Python reads names
 
 

@@ -102,6 +102,11 @@ def read(env: Any, path: str) -> Any:
     return value
 
 
+def plain_path(path: str) -> str:
+    """Write `config["mass"]` as `config.mass`, which names the same."""
+    return re.sub(r"""\[["']([A-Za-z_]\w*)["']\]""", r".\1", path)
+
+
 def is_shared(env: Any, other: Any, path: str) -> bool:
     """Say whether two environments hold the same object on the way to what a path names.
 

@@ -11,9 +11,9 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,8 @@ class _Candidate:
     name: str
     binding: ParameterBinding
     nominal: float
+    derived: Mapping[str, str] = field(default_factory=dict)
+    """The attributes that follow from it, and their formulas, "" where unknown."""
 
     @property
     def rank(self) -> tuple[bool, str]:
@@ -131,7 +133,9 @@ def starter_file(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         proposed = [_accepted(make, candidate) for candidate in _candidates(factory)]
-        candidates = [candidate for candidate in proposed if candidate is not None]
+        known = [candidate for candidate in proposed if candidate is not None]
+        following = {path for candidate in known for path in candidate.derived}
+        candidates = [c for c in known if c.name not in following and all(c.derived.values())]
         if not candidates:
             raise UserError(
                 f"Expected something in {factory.name} that a parameter can set, got nothing. "
@@ -146,6 +150,7 @@ def starter_file(
     text = _toml(
         factory, _agent_lines(named, is_imported), score, threshold, chosen, others, trials.dead
     )
+    text += "".join(_why(c, following) for c in known if c not in candidates)
     listed = ", ".join(candidate.name for candidate in chosen)
     ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
     notes = (f"Parameters: {listed}. {ranges} what can happen.", *limits, *notes)
@@ -213,6 +218,7 @@ class _Trials:
             agent=agent or self._agent,
             parameters={moved.name: moved.binding},
             score=keep,
+            derived=moved.derived or None,
             **options,
         )
         with closing(application):
@@ -256,7 +262,10 @@ def _candidates(factory: EnvFactory) -> Iterator[_Candidate]:
                 target = {} if word == name else {"name": name}
                 yield _around(name, Config, value, **target)
         for name, (path, value) in _steady(env, world).items():
-            if name not in known:
+            if path.startswith("model.body_mass"):  # inertia goes with mass
+                both = (path, path.replace("mass", "inertia"))
+                yield _Candidate(name, Attribute(0.5, 2.0, paths=both, factor=True), 1.0)
+            elif name not in known:
                 target = {} if path == name else {"paths": path}
                 yield _around(name, Attribute, value, **target)
         space = env.observation_space
@@ -373,12 +382,12 @@ def _accepted(
             low, high = sorted((_short(value / factor), _short(value * factor)))
             binding = replace(binding, low=low, high=high)
         try:
-            make(
+            application = make(
                 agent=_RandomActions(), parameters={candidate.name: binding}, score=("length", 1)
-            ).close()
+            )
         except UserError:
             continue
-        return replace(candidate, binding=binding)
+        return replace(candidate, binding=binding, derived=application.stale)
     return None
 
 
@@ -475,6 +484,10 @@ def _toml(
         given = [f"{_key(key)} = {json.dumps(value)}" for key, value in factory.env_kwargs.items()]
         lines += ["", "[env_kwargs]", *given]
     lines += ["", "[parameters]", *map(_line, chosen)]
+    derived = {path: text for candidate in chosen for path, text in candidate.derived.items()}
+    if derived:
+        lines += ["", "[derived]  # what the constructor computed from the parameters"]
+        lines += [f"{_key(path)} = {json.dumps(text)}" for path, text in derived.items()]
     if others:
         lines += ["", "# Other parameters that it could have:"]
     for candidate in others:
@@ -488,6 +501,16 @@ def _agent_lines(named: str, is_imported: bool) -> list[str]:
     if is_imported:
         lines.append(f"agent_id = {json.dumps(named)}  # change it whenever the agent changes")
     return lines
+
+
+def _why(candidate: _Candidate, following: Container[str]) -> str:
+    """Say why a parameter is not proposed."""
+    unknown = " and ".join(path for path, text in candidate.derived.items() if not text)
+    return (
+        f"# {candidate.name} follows from others\n"
+        if candidate.name in following
+        else f"# {candidate.name} is left out: {unknown} would keep the value computed from it\n"
+    )
 
 
 def _line(candidate: _Candidate) -> str:

@@ -35,6 +35,12 @@ def check_valid(env: Any, valid: Callable[[Any], bool | str] | None, name: str) 
         raise InvalidWorld(f"Expected {name} to compute its world, but {reason}.", reason)
 
 
+def mujoco_model(env: Any) -> Any:
+    """Return the MuJoCo model of an environment, or None."""
+    model: Any = getattr(env, "__dict__", {}).get("model")
+    return model if type(model).__module__.partition(".")[0] == "mujoco" else None
+
+
 def mujoco_fault(env: Any) -> str:
     """Say what went wrong in a MuJoCo simulation; empty where nothing did, or it is another one.
 
@@ -42,9 +48,8 @@ def mujoco_fault(env: Any) -> str:
     counts: a state that is not finite or too fast, after which it resets itself, a singular inertia
     matrix, or more contacts than fit its memory.
     """
-    model: Any = getattr(env, "__dict__", {}).get("model")
-    data: Any = getattr(env, "__dict__", {}).get("data")
-    if type(model).__module__.partition(".")[0] != "mujoco" or not hasattr(data, "warning"):
+    model, data = mujoco_model(env), getattr(env, "data", None)
+    if model is None or data is None or not hasattr(data, "warning"):
         return ""
     import mujoco
 

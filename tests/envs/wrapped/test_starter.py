@@ -38,6 +38,20 @@ class Slide(gym.Env):
         return np.array([self.speed], np.float32), float(self.speed), False, False, {}
 
 
+class Loaded(Slide):
+    """Its constructor computes a load and a table from a mass and a force."""
+
+    def __init__(self):
+        super().__init__()
+        self.mass, self.force = 2.0, 3.0
+        self.load = self.mass * 10.0
+        self.forces = np.array([self.force, 0.0])
+
+    def step(self, action):
+        seen, reward, *ends = super().step(action)
+        return seen + self.load + self.forces[0], reward, *ends
+
+
 @pytest.fixture(scope="module", autouse=True)
 def slide():
     gym.register("Slide-v0", entry_point=Slide, max_episode_steps=8)
@@ -72,6 +86,20 @@ def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
     assert f"Then: sada-gym attack {file}" in result.stdout
     done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=8, pictures=False)
     assert len(done.samples) == 8
+
+
+def test_what_follows_from_a_parameter_is_derived_and_not_proposed(agent):
+    gym.register("Loaded-v0", entry_point=Loaded, max_episode_steps=8)
+    try:
+        text = starter_file("Loaded-v0", agent).text
+    finally:
+        del gym.registry["Loaded-v0"]
+    assert "mass = [1.0, 4.0]  # now 2\n" in text
+    assert text.count("[derived]") == 1
+    assert 'load = "mass * 10.0"\n' in text
+    assert "\nload = [" not in text
+    assert "# load follows from others\n" in text
+    assert "# force is left out: forces would keep the value computed from it\n" in text
 
 
 @pytest.mark.long
