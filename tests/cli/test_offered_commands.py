@@ -11,6 +11,8 @@ from sada_gym.cli import app
 from sada_gym.files import read_toml
 from sada_gym.results.entry import METADATA_FILE
 
+pytestmark = pytest.mark.long
+
 TOML = """
 environment = "CartPole-v1"
 agent = "offered_agents:push_right"
@@ -61,7 +63,6 @@ def test_the_command_of_a_report_repeats_its_run(words, tmp_path, monkeypatch):
     assert offered(again) == command.replace("first-again", "first-again-again")
 
 
-@pytest.mark.long
 def test_the_command_of_a_report_repeats_the_run_of_a_file(tmp_path, monkeypatch):
     folder = tmp_path / "my files"
     folder.mkdir()
