@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from sada_gym.application import Application
 from sada_gym.diagnosis.record import Diagnosis, diagnosed_before, write_diagnosis
 from sada_gym.diagnosis.run import diagnose_run, list_and_tell
 from sada_gym.diagnosis.summary import rows as weakness_rows
-from sada_gym.errors import check_integer, check_keywords
+from sada_gym.errors import Notice, check_integer, check_keywords
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
@@ -43,8 +44,13 @@ from sada_gym.failures import Failures, check_seeds, listed_before
 from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
 from sada_gym.frames import Frame
 from sada_gym.ids import names_file
+from sada_gym.measures.failure_regions import percent
+from sada_gym.measures.rates import wilson_interval
 from sada_gym.parameters import ParameterSpace
 from sada_gym.report.make import REPORT_FILE, report_attack
+
+_LEARN_NOTHING = ("random", "ideal")
+_FEWEST_QUERIES, _FEWEST_SAMPLES = 20, 10
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
@@ -144,7 +150,8 @@ def attack(
         executor: Where workers run, see `Oracle`.
         resume: Whether to go on with the run that `out` holds, if it holds one.
         diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnosis.diagnose`; fresh
-            worlds check them, which costs 5 % more evaluations, but at most 200.
+            worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
+            for each rule and 15 elsewhere.
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
             many more evaluations; see `sada_gym.failures`.
         pictures: Whether to draw pictures.
@@ -189,6 +196,9 @@ def attack(
             label=name,
             packages=packages(opened.application, type(solver)),
         )
+        if not (folder / RESULT_FILE).exists():
+            for sentence in _says_little(name, budget, count):
+                warnings.warn(sentence, Notice, stacklevel=2)
         with file_errors("make the folder", folder):
             reserved = reserve_folder(folder, settings, resume=resume)
             if isinstance(environment, str) and names_file(environment):
@@ -264,6 +274,22 @@ def attack(
         made,
         opened.parameters,
     )
+
+
+def _says_little(adversary: str, budget: int, samples: int) -> Iterator[str]:
+    """Say, before anything is spent, why a result will say nothing."""
+    if adversary not in _LEARN_NOTHING and budget < _FEWEST_QUERIES:
+        yield (
+            f"By {budget:,} queries {adversary} can hardly learn where the agent fails. Give it at "
+            f"least {_FEWEST_QUERIES}, better some hundred (--budget, budget=)."
+        )
+    if samples < _FEWEST_SAMPLES:
+        low = wilson_interval(samples, samples)[0]
+        yield (
+            f"The fooling rate of so few samples ({samples}) says little: if all of them fooled, "
+            f"it could be {percent(low)} as well. Draw at least {_FEWEST_SAMPLES} (--samples, "
+            "samples=)."
+        )
 
 
 def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from sada_gym.application import Application
-from sada_gym.arrays import Bools, Indices
+from sada_gym.arrays import Indices
 from sada_gym.behaviour import Behaviour, Behaviours, Plain
 from sada_gym.errors import FileError, Notice, UserTypeError, check_integer, described
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
@@ -266,10 +266,6 @@ class PlayedAgain:
     def __init__(self, application: Application) -> None:
         self._application = application
         self._told: dict[tuple[bytes, int], Behaviour] = {}
-
-    def knows(self, worlds: Evaluations) -> Bools:
-        """Return which evaluations were played already, (n,)."""
-        return np.array([key in self._told for key in _keys(worlds)], np.bool_)
 
     def play(self, worlds: Evaluations) -> tuple[Behaviour, ...]:
         """Say what the agent did in each evaluation; those that are new are played together.

@@ -25,9 +25,11 @@ class Known:
     uniform: Bools
 
 
-def ask(setting: Setting, adversary: str, rng: np.random.Generator) -> Known:
+def ask(
+    setting: Setting, adversary: str, rng: np.random.Generator, queries: int = QUERIES
+) -> Known:
     """Choose queries and samples as an adversary does, or nearly so: quickly."""
-    first = QUERIES if adversary != "level-set" else int(0.4 * QUERIES)
+    first = queries if adversary != "level-set" else int(0.4 * queries)
     shares = rng.random((first, len(setting.space)))
     fooled = rng.random(first) < setting.rates(shares)
     if adversary == "random":
@@ -36,7 +38,7 @@ def ask(setting: Setting, adversary: str, rng: np.random.Generator) -> Known:
         centres = shares[fooled][rng.integers(max(fooled.sum(), 1), size=SAMPLES)]
         samples = np.clip(centres + 0.05 * rng.normal(size=centres.shape), 0.0, 1.0)
     else:
-        shares, fooled, samples = _level_set(setting, shares, fooled, rng)
+        shares, fooled, samples = _level_set(setting, shares, fooled, queries, rng)
     uniform = np.arange(len(shares) + len(samples)) < first
     if adversary == "random":
         uniform[:] = True
@@ -45,7 +47,7 @@ def ask(setting: Setting, adversary: str, rng: np.random.Generator) -> Known:
 
 
 def _level_set(
-    setting: Setting, shares: Floats, fooled: Bools, rng: np.random.Generator
+    setting: Setting, shares: Floats, fooled: Bools, queries: int, rng: np.random.Generator
 ) -> tuple[Floats, Bools, Floats]:
     """Ask at the border of where a forest predicts failures; then sample beyond it."""
     for _ in range(4):
@@ -53,7 +55,7 @@ def _level_set(
         p = _forest(shares, fooled, rng)(pool)
         odds = p * (1.0 - p) + 1e-9
         odds = 0.75 * odds / odds.sum() + 0.25 / len(pool)
-        new = pool[rng.choice(len(pool), (QUERIES * 6 // 10) // 4, replace=False, p=odds)]
+        new = pool[rng.choice(len(pool), (queries * 6 // 10) // 4, replace=False, p=odds)]
         shares = np.concatenate([shares, new])
         fooled = np.append(fooled, rng.random(len(new)) < setting.rates(new))
     pool = rng.random((8_000, len(setting.space)))
@@ -70,7 +72,7 @@ def _forest(shares: Floats, fooled: Bools, rng: np.random.Generator) -> Callable
     return lambda pool: forest.predict_proba(pool)[:, -1] if fooled.any() else np.zeros(len(pool))
 
 
-def attack_for_real(setting: Setting, adversary: str) -> Known:
+def attack_for_real(setting: Setting, adversary: str, queries: int = QUERIES) -> Known:
     """Let the real adversary choose queries and samples."""
     from sada_gym import adversaries
     from sada_gym.oracle import Oracle
@@ -78,7 +80,7 @@ def attack_for_real(setting: Setting, adversary: str) -> Known:
     application = PlantedApplication(setting)
     options = without_hits(adversary)
     solver = adversaries.make(adversary, dimension=len(setting.space), seed=setting.seed, **options)
-    with Oracle(application, budget=QUERIES, seed=setting.seed) as oracle:
+    with Oracle(application, budget=queries, seed=setting.seed) as oracle:
         solver.train(oracle)
         record = oracle.record
     with Oracle(application, budget=SAMPLES, seed=setting.seed, stream="test") as oracle:

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.arrays import Bools
+from sada_gym.arrays import Bools, Floats
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.grouping import grouped
 from sada_gym.diagnosis.record import Diagnosis
 from sada_gym.diagnosis.rules import holds
 from sada_gym.diagnosis.run import default_fresh
 from sada_gym.evaluations import Evaluations
-from sada_gym.measures.rates import wilson_interval
+from sada_gym.measures.rates import Rate, wilson_interval
 from sada_gym.parameters import Mu
 from studies.planted_methods import Named, by_prim, by_tree
 from studies.planted_queries import (
@@ -36,7 +36,9 @@ OURS = "sada-gym"
 OTHERS = {"PRIM": by_prim, "decision tree": by_tree}
 
 
-def diagnosed(setting: Setting, known: Known, rng: np.random.Generator) -> Diagnosis:
+def diagnosed(
+    setting: Setting, known: Known, rng: np.random.Generator, queries: int = QUERIES
+) -> Diagnosis:
     """Diagnose as `sada-gym diagnose` does."""
     mu = (2.0 * known.shares - 1.0).astype(np.float32)
 
@@ -50,17 +52,37 @@ def diagnosed(setting: Setting, known: Known, rng: np.random.Generator) -> Diagn
         THRESHOLD,
         known.uniform,
         evaluate=evaluate,
-        fresh=default_fresh(QUERIES),
+        fresh=default_fresh(queries),
+        enough=True,
         seed=setting.seed,
     )
 
 
 def by_diagnosis(setting: Setting, diagnosis: Diagnosis) -> Named:
-    """Name the weaknesses of a diagnosis."""
+    """Name the weaknesses of a diagnosis that are confirmed."""
     return [
         lambda shares, one=one: holds(one.conditions, setting.space, 2.0 * shares - 1.0)
         for one in diagnosis.weaknesses
+        if one.is_checked
     ]
+
+
+def held(setting: Setting, diagnosis: Diagnosis) -> dict[str, list[bool]]:
+    """Say whether the intervals of the rates inside and elsewhere hold the true rates."""
+    shares = np.random.default_rng([setting.seed, 51]).random((TESTED, len(setting.space)))
+    rates, named = setting.rates(shares), diagnosis.weaknesses
+    inside = [holds(one.conditions, setting.space, 2.0 * shares - 1.0) for one in named]
+    outside = ~np.logical_or.reduce([np.zeros(TESTED, np.bool_), *inside])
+    return {
+        "inside": [
+            _holds(one.inside, rates[rows]) for one, rows in zip(named, inside, strict=True)
+        ],
+        "outside": [_holds(one.outside, rates[outside]) for one in named[:1]],
+    }
+
+
+def _holds(rate: Rate | None, true: Floats) -> bool:
+    return rate is not None and bool(rate.interval_95[0] <= true.mean() <= rate.interval_95[1])
 
 
 def distinct_failures(setting: Setting, known: Known, diagnosis: Diagnosis) -> int:
@@ -70,7 +92,7 @@ def distinct_failures(setting: Setting, known: Known, diagnosis: Diagnosis) -> i
     return sum(group.weakness != 0 for group in groups) or len(groups)
 
 
-def judge(setting: Setting, named: Named) -> dict[str, list[float]]:
+def judge(setting: Setting, named: Named) -> dict[str, list[Any]]:
     """Measure what is named by uniform worlds.
 
     Of each planted weakness: the greatest intersection over union with a rule, and that with all
@@ -99,19 +121,27 @@ def _iou(one: Bools, other: Bools) -> float:
     return float((one & other).sum() / max((one | other).sum(), 1))
 
 
-def run(number: int, *, real: bool) -> dict[str, object]:
-    """Diagnose a setting by all methods, and return what came out."""
+def run(
+    number: int, *, real: bool, queries: int = QUERIES, alone: bool = False
+) -> dict[str, object]:
+    """Diagnose a setting by all methods, or ours alone, and return what came out."""
     setting, rng = plant(number), np.random.default_rng([number, 52])
     adversaries = LEARNING if real else ADVERSARIES
     adversary = adversaries[number % len(adversaries)]
-    known = attack_for_real(setting, adversary) if real else ask(setting, adversary, rng)
+    known = (
+        attack_for_real(setting, adversary, queries)
+        if real
+        else ask(setting, adversary, rng, queries)
+    )
     start = time.process_time()
-    diagnosis = diagnosed(setting, known, rng)
+    diagnosis = diagnosed(setting, known, rng, queries)
     spent = time.process_time() - start
     ours = judge(setting, by_diagnosis(setting, diagnosis))
     groups = distinct_failures(setting, known, diagnosis)
-    found: dict[str, object] = {OURS: {**ours, "seconds": spent, "groups": groups}}
-    for name, method in OTHERS.items():
+    ours |= held(setting, diagnosis)
+    more = {"seconds": spent, "groups": groups, "fresh": diagnosis.fresh}
+    found: dict[str, object] = {OURS: {**ours, **more}}
+    for name, method in ({} if alone else OTHERS).items():
         start = time.process_time()
         named = method(setting, known, rng)
         spent = time.process_time() - start
@@ -131,7 +161,14 @@ def tables(rows: list[dict[str, Any]]) -> str:
         "| method | found by one rule | by rules together | false | in part | seconds |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [f"| {name} | {_cells(rows, name)} |" for name in (OURS, *OTHERS)]
+    methods = [name for name in (OURS, *OTHERS) if all(name in row["found"] for row in rows)]
+    lines += [f"| {name} | {_cells(rows, name)} |" for name in methods]
+    lines += [
+        "",
+        "| fresh worlds, mean | the true rate in the interval: inside | elsewhere |",
+        "| --- | --- | --- |",
+        f"| {_checks(rows)} |",
+    ]
     lines += [
         "",
         "| sada-gym, of | planted | found by one rule | by rules together |",
@@ -176,6 +213,12 @@ def _cells(rows: list[dict[str, Any]], method: str) -> str:
     return " | ".join([*shown, f"{seconds:.1f}"])
 
 
+def _checks(rows: list[dict[str, Any]]) -> str:
+    found = [row["found"][OURS] for row in rows]
+    held = (np.concatenate([one[where] for one in found]) > 0 for where in ("inside", "outside"))
+    return " | ".join([f"{np.mean([one['fresh'] for one in found]):.0f}", *map(_percent, held)])
+
+
 def _recalls(rows: list[dict[str, Any]], chosen: Callable[[dict[str, Any], int], bool]) -> str:
     one, together = [], []
     for row in rows:
@@ -202,6 +245,8 @@ def main() -> None:
     parser.add_argument("--settings", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="develop on 1000 and above")
     parser.add_argument("--real", type=int, default=40, help="so many more by real adversaries")
+    parser.add_argument("--queries", type=int, default=QUERIES, help="the budget")
+    parser.add_argument("--alone", action="store_true", help="without the other methods")
     parser.add_argument("--out", type=Path, default=Path("planted_weaknesses.jsonl"))
     given = parser.parse_args()
     rows = [json.loads(line) for line in given.out.open()] if given.out.exists() else []
@@ -210,7 +255,7 @@ def main() -> None:
     for number in range(given.first, last + given.real):
         if number in done:
             continue
-        rows.append(run(number, real=number >= last))
+        rows.append(run(number, real=number >= last, queries=given.queries, alone=given.alone))
         with given.out.open("a") as file:
             file.write(f"{json.dumps(rows[-1])}\n")
     print(tables(rows))

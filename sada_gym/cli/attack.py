@@ -66,7 +66,9 @@ def attack(
         None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
     diagnose: bool = option(
-        True, "Whether to find the weaknesses, with 5 % more evaluations, at most 200."
+        True,
+        "Whether to find the weaknesses, with 5 % more evaluations, at most 200, but at least 15 "
+        "for each rule and 15 elsewhere.",
     ),
     confirm: int = option(
         0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0

@@ -25,7 +25,7 @@ def diagnose(
         None,
         "Fresh worlds to check the rules with.",
         minimum=0,
-        shown="5 % of the run's budget, at most 200",
+        shown="5 % of the run's budget, at most 200, but at least 15 a rule and 15 elsewhere",
     ),
     confirm: int = option(
         0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0

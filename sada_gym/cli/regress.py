@@ -61,8 +61,7 @@ def regress(
     if as_json:
         print_json(result)
         raise typer.Exit(result.exit_code)
-    compared = "what the suite expects" if result.baseline is None else result.baseline
-    say(f"{result.agent} on {result.track}, compared with {compared}", lead="[bold]")
+    say(f"{result.agent} on {result.track}, compared with {result.compared_with}", lead="[bold]")
     for change, count in result.counts().items():
         say(f"  {count:>4} {change}")
     for difference in result.differences:

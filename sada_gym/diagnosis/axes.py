@@ -66,7 +66,12 @@ class Axis:
 
     @classmethod
     def sum(cls, space: ParameterSpace, index: int, other: int, slope: float) -> Axis:
-        """Cut the range of a sum, whose parts weigh 1 and `slope` as shares of their ranges."""
+        """Cut the range of a sum, whose parts weigh 1 and `slope` as shares of their ranges.
+
+        The one that weighs more comes first: a rule is solved for it.
+        """
+        if abs(slope) > 1.0:
+            index, other, slope = other, index, 1.0 / slope
         first, second = space.parameters[index], space.parameters[other]
         exact = slope * (first.high - first.low) / (second.high - second.low)
         factor = float(f"{exact:.2g}")

@@ -29,12 +29,15 @@ __all__ = [
 DIAGNOSIS_FILE = "diagnosis.json"
 VERSION = 1
 
+LEAST_FRESH = 15
+"""So many fresh worlds in it, and as many outside all rules, confirm a weakness."""
+
 
 class Threshold(Strict):
     """An end of a condition's range that is not an end of the parameter's, in physical values.
 
-    With a chance of about 95 % the true end lies in the interval. For a sum of two parameters
-    the values are those of the sum.
+    With a chance of about 95 % the true end lies in the interval. A sum of two parameters has
+    the name `first + 0.5 second`, and the values are those of the sum.
     """
 
     parameter: str
@@ -74,10 +77,12 @@ class Weakness(Strict):
             of these failed, else among all that are known.
         failures: The number of known different failures for which they hold.
         distinct: The number of groups of these that wide gaps part.
-        inside: The fooling rate of uniform worlds in it, by worlds that the rule was not fitted
-            to; None where none were evaluated.
-        outside: The same of worlds that lie in no weakness of the diagnosis, nor in a rule that
-            fresh worlds refused.
+        inside: The fooling rate of uniform worlds in it, by all worlds whose density is known; None
+            where no fresh world was evaluated. Such worlds weigh, so that the rate need not be the
+            share of those that fooled.
+        outside: The same of worlds that lie in no weakness of the diagnosis.
+        fresh: How many fresh worlds checked it: in it, and outside all rules. None in an older
+            diagnosis, whose rates are those of fresh worlds alone.
         thresholds: The ends of the ranges, and how sure they are.
         examples: Some failures in it that lie apart, the most typical first.
         confirmed: How often failures in it failed again on fresh seeds; None where not tried.
@@ -92,10 +97,17 @@ class Weakness(Strict):
     distinct: int
     inside: Rate | None
     outside: Rate | None
+    fresh: tuple[int, int] | None = None
     thresholds: tuple[Threshold, ...]
     examples: tuple[Example, ...]
     confirmed: Rate | None = None
     behaviour: OneLine | None = None
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether at least `LEAST_FRESH` fresh worlds in it, and as many outside, confirmed it."""
+        old = tuple(0 if rate is None else rate.samples for rate in (self.inside, self.outside))
+        return min(self.fresh or old) >= LEAST_FRESH
 
 
 class Diagnosis(Strict):

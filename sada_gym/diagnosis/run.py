@@ -55,8 +55,8 @@ def diagnose(
 
     Args:
         run: The folder that `attack` wrote.
-        fresh: The most fresh evaluations; None takes 5 % of the run's budget, at most 200. With 0
-            no rates inside and outside are known.
+        fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
+            least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
         confirm: Tries each failure among the samples again on so many fresh seeds, see
             `sada_gym.failures`.
         application: What the run attacked, where it cannot say it, see `replay`.
@@ -166,17 +166,16 @@ def diagnose_run(
     assert application is not None
     experiment = settings.experiment
     threshold = experiment.target.fooling_threshold
-    if fresh is None:
-        fresh = default_fresh(experiment.protocol.budget)
     queries = queries.valid
     even = np.arange(len(queries)) < uniform
     samples_even = experiment.adversary.name == "random"
+    most = default_fresh(experiment.protocol.budget) if fresh is None else fresh
     spent = 0
 
     def evaluate(mu: Mu) -> tuple[Bools, Bools]:
         nonlocal spent
         seeds = evaluation_seeds(settings.seed, "validation", _FIRST_SEED + spent, len(mu))
-        done, total = spent, max(fresh, spent + len(mu))
+        done, total = spent, max(most, spent + len(mu))
         spent += len(mu)
 
         def report(count: int, cached: int) -> None:
@@ -203,7 +202,8 @@ def diagnose_run(
         threshold,
         np.append(even, np.full(len(samples), samples_even)),
         evaluate=evaluate,
-        fresh=fresh,
+        fresh=most,
+        enough=fresh is None,
         permits=None if application.permits(any_world) is None else permits,
         seed=settings.seed,
     )

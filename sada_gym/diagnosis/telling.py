@@ -43,14 +43,17 @@ def tell(
         _PLAYED, max(_FEWEST_PLAYED, int(_PLAYED_SHARE * len(known)) // max(1, len(weaknesses)))
     )
     failing = known[known.fooled(application.fooling_threshold)]
+    listed = () if failures is None else failures.failures
+    told = {
+        (np.array(f.mu, np.float32).tobytes(), f.seed) for f in listed if f.behaviour is not None
+    }
     untold = {
-        place: _chosen(failing[_inside(weakness, application, failing.mu)], each, again)
+        place: _chosen(failing[_inside(weakness, application, failing.mu)], each, told)
         for place, weakness in enumerate(weaknesses)
         if weakness.behaviour is None and application.tells_behaviour
     }
     if untold:
         again.play(Evaluations.joined([*untold.values()]))
-    listed = () if failures is None else failures.failures
     tried = [failure for failure in listed if failure.valid_seeds]
     described = []
     for place, weakness in enumerate(weaknesses):
@@ -68,9 +71,13 @@ def _inside(weakness: Weakness, application: Application, mu: Mu) -> Bools:
     return holds(weakness.conditions, application.parameters, mu)
 
 
-def _chosen(failing: Evaluations, count: int, again: PlayedAgain) -> Evaluations:
-    """Choose so many failures: first those that were played already, then evenly."""
-    known = again.knows(failing)
+def _chosen(failing: Evaluations, count: int, told: set[tuple[bytes, int]]) -> Evaluations:
+    """Choose so many failures: first those whose behaviour is listed, then evenly.
+
+    So a later diagnosis chooses the same ones, and an attack plays none of them twice.
+    """
+    keys = [(mu.tobytes(), seed) for mu, seed in zip(failing.mu, failing.seed, strict=True)]
+    known = np.array([key in told for key in keys], np.bool_)
     played, others = failing[known][:count], failing[~known]
     left = min(count - len(played), len(others))
     return played + others[np.linspace(0, len(others) - 1, left).astype(np.intp)]

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sada_gym.diagnosis.axes import Axis
 from sada_gym.diagnosis.record import SumCondition, Threshold
 from sada_gym.diagnosis.thresholds import Ranges, Rule
 from sada_gym.measures.failure_regions import Condition, condition, in_one_line, short_label
-from sada_gym.parameters import Parameter, ParameterSpace, number
+from sada_gym.parameters import Parameter, ParameterSpace
 
 
 def conditions(space: ParameterSpace, rule: Rule) -> tuple[Condition | SumCondition, ...]:
@@ -23,10 +24,17 @@ def listed(said: Sequence[Condition | SumCondition]) -> str:
     return " and ".join(condition.text for condition in said)
 
 
-def thresholds(rule: Rule) -> tuple[Threshold, ...]:
+def thresholds(space: ParameterSpace, rule: Rule) -> tuple[Threshold, ...]:
     """Return the ends of a rule's ranges, with their intervals."""
+
+    def name(axis: Axis) -> str:
+        if axis.other is None:
+            return axis.parameter.name
+        sign, times = "-" if axis.factor < 0.0 else "+", abs(axis.factor)
+        return f"{axis.parameter.name} {sign} {times:g} {space.names[axis.other]}"
+
     return tuple(
-        Threshold(parameter=part.axis.parameter.name, value=end.value, interval_95=end.interval)
+        Threshold(parameter=name(part.axis), value=end.value, interval_95=end.interval)
         for part in sorted(rule, key=lambda part: part.axis.index)
         for end in part.ends
     )
@@ -49,24 +57,30 @@ def _condition(space: ParameterSpace, part: Ranges) -> Condition | SumCondition:
 
 
 def _sum(space: ParameterSpace, part: Ranges, other: int) -> SumCondition:
+    """Say a condition on a sum solved for its first part: `speed is below 78 + turbulence`."""
     first, second, factor = part.axis.parameter, space.parameters[other], part.axis.factor
-    times = "" if abs(factor) == 1.0 else f"{number(abs(factor))} \N{MULTIPLICATION SIGN} "
-    sign = "+" if factor > 0 else "\N{MINUS SIGN}"
-    unit = first if first.unit == second.unit else Parameter("sum", 0.0, 1.0)
+    times = "" if abs(factor) == 1.0 else f"{_plain(abs(factor))} \N{MULTIPLICATION SIGN} "
+    term = f"{times}{second.label}"
+
+    def end(value: float) -> str:
+        if value == 0.0:
+            return term if factor < 0.0 else f"\N{MINUS SIGN}{term}"
+        sign = "+" if factor < 0.0 else "\N{MINUS SIGN}"
+        return f"{first.with_unit(_plain(value))} {sign} {term}"
+
     [(low, high)] = part.ranges
-    ends = [unit.with_unit(_plain(end)) for end in (low, high)]
     if low <= part.axis.edges[0]:
-        where = f"below {ends[1]}"
+        where = f"below {end(high)}"
     elif high >= part.axis.edges[-1]:
-        where = f"above {ends[0]}"
+        where = f"above {end(low)}"
     else:
-        where = f"between {ends[0]} and {ends[1]}"
+        where = f"between {end(low)} and {end(high)}"
     return SumCondition(
         parameter=first.name,
         other=second.name,
         factor=factor,
         ranges=part.ranges,
-        text=in_one_line(f"{first.label} {sign} {times}{second.label} is {where}"),
+        text=in_one_line(f"{first.label} is {where}"),
     )
 
 

@@ -312,6 +312,8 @@ def _choices(names: tuple[str, ...], first: int, stop: int) -> str:
 
 
 def _whole(starts: list[str], stops: list[str], first: int, last: int) -> str:
+    if starts[first] == stops[last]:
+        return starts[first]
     if first == 0:
         return f"at most {stops[last]}"
     if last == len(stops) - 1:

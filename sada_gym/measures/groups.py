@@ -62,7 +62,7 @@ def distinct(
     counts = np.bincount(labels)
     large = counts >= max(_LEAST, _LEAST_SHARE * len(linked))
     if large.sum() < 2:
-        return [_spread(points)]
+        return [spread(points)]
     kept = large[labels]
     near = np.array([_nearest(points[linked[kept]], point) for point in points])
     labels = labels[kept][near]
@@ -111,10 +111,11 @@ def neighbourhoods(points: Floats, dimension: int) -> list[Indices]:
 def _by_size(points: Floats, labels: Integers) -> list[Indices]:
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     groups.sort(key=lambda rows: (-len(rows), rows[0]))
-    return [rows[_spread(points[rows])] for rows in groups]
+    return [rows[spread(points[rows])] for rows in groups]
 
 
-def _spread(points: Floats) -> Indices:
+def spread(points: Floats) -> Indices:
+    """Order points, (n, e): the middle one, then each as far as can be from those before."""
     order = [_nearest(points, points.mean(axis=0))]
     nearest = np.full(len(points), np.inf)
     while len(order) < len(points):

@@ -78,7 +78,9 @@ class WeightedRate:
     worth: float
 
 
-def weighted_rate(fooled: npt.ArrayLike, log_weights: npt.ArrayLike) -> WeightedRate | None:
+def weighted_rate(
+    fooled: npt.ArrayLike, log_weights: npt.ArrayLike, *, trust: float = 1.0
+) -> WeightedRate | None:
     """Estimate how often the agent fails under a density, from worlds drawn by another one.
 
     The weights are those of self-normalised importance sampling. The interval is Wilson's for as
@@ -88,6 +90,8 @@ def weighted_rate(fooled: npt.ArrayLike, log_weights: npt.ArrayLike) -> Weighted
     Args:
         fooled: Whether each of n worlds fooled the agent, (n,).
         log_weights: The logarithms of density over density, (n,), up to a constant; maybe -inf.
+        trust: How much a world counts in the interval, at most 1: less where the rate is of a
+            region that was chosen by these worlds.
 
     Returns:
         The rate; None where no world has a weight.
@@ -101,6 +105,7 @@ def weighted_rate(fooled: npt.ArrayLike, log_weights: npt.ArrayLike) -> Weighted
     variance = float((weights**2) @ (failed - rate) ** 2)
     if variance > 0.0:
         worth = min(worth, rate * (1.0 - rate) / variance)
+    worth *= trust
     low, high = _wilson(rate, max(worth, 1.0))
     return WeightedRate(rate, low, high, worth)
 

@@ -117,6 +117,8 @@ class FailureModel:
         indices = sobol_indices(func=answers, n=_POINTS)
         # (2, s, d): of each forest; a forest that says the same everywhere has none
         shares = np.array([indices.first_order, indices.total_order])
+        # of one parameter or one forest SciPy drops the axis
+        shares = shares.reshape(2, len(self.forests), self.dimension)
         shares = np.clip(np.nan_to_num(shares), 0.0, 1.0).swapaxes(0, 1)
         means = shares.mean(axis=0)
         low, high = np.quantile(shares, (_LOW, _HIGH), axis=0)

@@ -14,6 +14,8 @@ import numpy as np
 from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.application import Application
 from sada_gym.arrays import Indices
+from sada_gym.diagnosis.grouping import by_weakness
+from sada_gym.diagnosis.record import Weakness, diagnosed_before
 from sada_gym.errors import FileError, UserError, check_integer, plain
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
@@ -29,7 +31,7 @@ from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import MAX_TOML_BYTES, file_errors, parse_toml, read_file, shown
 from sada_gym.ids import names_file
-from sada_gym.measures.groups import match, neighbourhoods, places, words
+from sada_gym.measures.groups import match, places, spread
 from sada_gym.parameters import Mu
 from sada_gym.regression.compare import verdict_of
 from sada_gym.regression.suite import (
@@ -44,8 +46,11 @@ from sada_gym.regression.suite import (
     write_suite,
 )
 
-MOST_IN_GROUP = 10
-MOST_GROUPS = 20
+MOST_IN_GROUP, FEWEST_IN_GROUP = 40, 10
+MOST_FAILURES = 100
+"""A suite tries at most so many failures, as many of each group, unless these are very many."""
+
+_MOST_SPREAD = 2_000
 _ROUNDS = 3
 """So many controls are tried for a failure, until one passes on fresh seeds."""
 
@@ -79,11 +84,11 @@ def export(
 ) -> Exported:
     """Write the failures of finished runs as a regression suite.
 
-    The failures among the samples and the training queries are grouped into distinct ones, at most
-    `MOST_GROUPS`. Of each group at most `MOST_IN_GROUP` that lie apart are confirmed: they stay
-    where they fail on most of `confirm` fresh seeds. Each gets the nearest world that passes on
-    most of its fresh seeds as a control. The fresh scores are kept in the first run's folder, so
-    that a call that was stopped goes on where it was.
+    The failures among the samples and the training queries are grouped by the weaknesses of the
+    runs' diagnoses; without any, by wide gaps. Of each group at most `MOST_IN_GROUP` that lie apart
+    are confirmed: they stay where they fail on most of `confirm` fresh seeds. Each gets the nearest
+    world that passes on most of its fresh seeds as a control. The fresh scores are kept in the
+    first run's folder, so that a call that was stopped goes on where it was.
 
     Args:
         runs: The folders that `attack` wrote, of one track and agent.
@@ -106,7 +111,8 @@ def export(
     _check_one_target([run for _, run, _ in read], [folder for folder, *_ in read])
     with open_target(settings, read[0][0], application, call=call, workers=workers) as opened:
         known = _known(read, opened)
-        chooser = _Chooser(opened, known, settings, read[0][0], confirm, on_scores)
+        weaknesses = _weaknesses(folders)
+        chooser = _Chooser(opened, known, settings, read[0][0], weaknesses, confirm, on_scores)
         cases, groups, unconfirmed = chooser.choose()
         suite = Suite(
             sources=tuple(f"{run} ({shown(folder.name)})" for folder, run, _ in read),
@@ -132,13 +138,14 @@ class _Chooser:
         known: Evaluations,
         settings: RunSettings,
         folder: Path,
+        weaknesses: Sequence[Weakness],
         confirm: int,
         on_scores: OnScores,
     ) -> None:
         self._opened, self._known, self._seed = opened, known, settings.seed
         self._threshold = settings.experiment.target.fooling_threshold
         self._folder, self._confirm, self._on_scores = folder, confirm, on_scores
-        self._drawn = 0
+        self._weaknesses, self._drawn = weaknesses, 0
         self._fooled = known.fooled(self._threshold)
         self._points = places(known.mu, opened.parameters)
         if not self._fooled.any():
@@ -149,14 +156,15 @@ class _Chooser:
 
     def choose(self) -> tuple[tuple[Case, ...], tuple[str, ...], int]:
         """Return the suite's cases, what its groups share, and how many were not confirmed."""
-        failing = np.flatnonzero(self._fooled)
+        failing, space = np.flatnonzero(self._fooled), self._opened.parameters
+        found = by_weakness(self._weaknesses, space, self._known.mu[failing])
+        most = min(max(MOST_FAILURES // len(found), FEWEST_IN_GROUP), MOST_IN_GROUP)
         chosen = [
-            failing[rows[:MOST_IN_GROUP]]
-            for rows in neighbourhoods(self._points[failing], self._opened.dimension)[:MOST_GROUPS]
+            failing[group.rows[spread(self._points[failing[group.rows]])[:most]]] for group in found
         ]
         tried = self._confirmed(np.concatenate(chosen))
-        groups = [[tried[row] for row in rows if tried[row].verdict == "fail"] for rows in chosen]
-        groups = [worlds for worlds in groups if worlds]
+        repeated = [[tried[row] for row in rows if tried[row].verdict == "fail"] for rows in chosen]
+        groups = [worlds for worlds in repeated if worlds]
         unconfirmed = len(tried) - sum(map(len, groups))
         if not groups:
             raise UserError(
@@ -171,9 +179,8 @@ class _Chooser:
                 cases.append(self._case(world, f"F{number:02}-{i:02}", number))
                 if control := controls.get(world.row):
                     cases.append(self._case(control, f"C{number:02}-{i:02}", number))
-        rows = [np.array([world.row for world in worlds]) for worlds in groups]
-        shared = tuple(words(self._known.mu[of], self._opened.parameters) for of in rows)
-        return tuple(cases), shared, unconfirmed
+        named = zip(found, repeated, strict=True)
+        return tuple(cases), tuple(group.where for group, worlds in named if worlds), unconfirmed
 
     def _controls(self, failures: list[int]) -> dict[int, _World]:
         free = {*np.flatnonzero(~self._fooled & ~self._known.invalid).tolist()}
@@ -230,6 +237,13 @@ class _Chooser:
             expected_result=world.verdict,
             fooled_seeds=world.fooled_seeds,
         )
+
+
+def _weaknesses(folders: Sequence[Path]) -> list[Weakness]:
+    """Return the weaknesses that runs' diagnoses name, each rule once."""
+    diagnoses = filter(None, map(diagnosed_before, folders))
+    named = (weakness for diagnosis in diagnoses for weakness in diagnosis.weaknesses)
+    return [*{weakness.text: weakness for weakness in named}.values()]
 
 
 def _known(

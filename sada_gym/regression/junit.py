@@ -84,11 +84,10 @@ def _outcome(world: World) -> str:
 def markdown(result: Regression) -> str:
     """Write a result as Markdown: the decision, a table by distinct failure, what broke."""
     decision = result.decision
-    before = "what the suite expects" if result.baseline is None else _plain(result.baseline)
     lines = [
         f"### {_plain(result.track)}: {_plain(result.agent)} {_VERBS[decision.status]}",
         "",
-        f"{_plain(decision.reason)} Compared with {before}.",
+        f"{_plain(decision.reason)} Compared with {_plain(result.compared_with)}.",
         "",
         f"| distinct failure | worlds | {' | '.join(_COLUMNS)} |",
         f"| --- | --- {'| --- ' * len(_COLUMNS)}|",

@@ -65,9 +65,11 @@ class Regression(Strict):
         baseline: What it was compared with; None where that is what the suite expects.
         differences: What is not as it was when the suite was exported.
         groups: What the worlds of each distinct failure share.
+        suite_agent: The agent that the suite was exported of.
     """
 
     suite: str
+    suite_agent: OneLine
     track: OneLine
     agent: OneLine
     baseline: OneLine | None
@@ -80,6 +82,12 @@ class Regression(Strict):
     def exit_code(self) -> int:
         """0 where the agent passed, 1 where it failed, 3 where the suite cannot tell."""
         return EXIT_CODES[self.decision.status]
+
+    @property
+    def compared_with(self) -> str:
+        """What the agent was compared with, in words."""
+        made = f" (made with {self.suite_agent})" if self.suite_agent else ""
+        return f"what the suite expects{made}" if self.baseline is None else self.baseline
 
     def counts(self) -> dict[Change, int]:
         """Count the worlds by what became of them; only what occurs."""
@@ -141,6 +149,7 @@ def regress(
     )
     return Regression(
         suite=str(path),
+        suite_agent=shown(content.test_item.target.agent),
         track=shown(now.target.track),
         agent=shown(now.target.agent),
         baseline=None if before is None else shown(before.target.agent),
@@ -243,7 +252,9 @@ def _open(
         )
     folder = suite.parent / item.folder
     table = parse_toml(item.toml.encode(), suite)
-    table["agent"] = _absolute(str(given), Path.cwd())
+    old, table["agent"] = table.get("agent"), _absolute(str(given), Path.cwd())
+    if "agent_id" in table and table["agent"] != _absolute(str(old), folder.absolute()):
+        table["agent_id"] = _identity(table["agent"])  # the file's names the old agent
     application = application_of(table, folder / "application.toml")
     return OpenTarget.of(application, workers=workers)
 
@@ -253,6 +264,13 @@ def _absolute(agent: str, folder: Path) -> str:
     path = os.path.expanduser(agent)
     is_file = Path(path).suffix.lower() in SUFFIXES or ":" not in agent
     return str(folder / path) if is_file else agent
+
+
+def _identity(agent: str) -> str:
+    """Name an agent, and its file by its content."""
+    with suppress(OSError, ValueError):
+        return f"{Path(agent).stem} {hashlib.sha256(Path(agent).read_bytes()).hexdigest()[:12]}"
+    return agent
 
 
 def _differences(item: Item, suite: Path, now: OpenTarget) -> tuple[str, ...]:

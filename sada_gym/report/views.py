@@ -218,6 +218,8 @@ def _heading(text: str) -> str:
 
 
 def _sentences(weakness: Weakness) -> Iterator[str]:
+    if not weakness.is_checked:
+        yield "Not yet confirmed: too few fresh worlds checked it."
     if weakness.inside is not None:
         text = f"{_rate(weakness.inside)} of uniform worlds in it fool the agent"
         if weakness.outside is not None:

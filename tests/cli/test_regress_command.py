@@ -114,6 +114,26 @@ def test_exit_codes_of_files(folder, tmp_path, agent, code, status, words):
     assert text.read_text().startswith("### CartPole")
 
 
+def test_the_heading_names_the_agent_under_test_and_the_one_that_the_suite_is_of(folder, tmp_path):
+    shutil.copy(folder / "the agent.pt", tmp_path)
+    toml = tmp_path / "pole.toml"
+    toml.write_text('agent_id = "the old one"\n' + POLE)
+    words = "-a random --budget 0 --samples 80 --workers 1 --no-report --out"
+    assert run("attack", toml, *words.split(), tmp_path / "run").exit_code == 0
+    exported = run("export", tmp_path / "run", "--out", tmp_path / "suite", "--confirm", "1")
+    assert exported.exit_code == 0, exported.output
+    command = ("regress", tmp_path / "suite", "--agent")
+    heading = run(*command, folder / "better.pt").stdout.splitlines()[0]
+    assert re.match(
+        r"better [0-9a-f]{12} on CartPole-v1, compared with what the suite expects \(made with the "
+        r"old one\)$",
+        heading,
+    )
+    same = run(*command, tmp_path / "the agent.pt").stdout
+    assert same.startswith("the old one on CartPole-v1")
+    assert "It is the same agent" in same
+
+
 def test_too_few_worlds_are_inconclusive(folder, tmp_path):
     content = json.loads((folder / "suite" / "suite.json").read_text())
     controls = [case for case in content["test_cases"] if case["objective"] == "control"]

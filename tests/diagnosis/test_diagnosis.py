@@ -1,12 +1,16 @@
 """From known worlds to weaknesses: planted ones are found, and nothing in noise."""
 
+import re
+
 import numpy as np
 import pytest
 
 from sada_gym import Parameter, ParameterSpace
+from sada_gym.diagnosis.checking import Checker
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.rules import holds
 from sada_gym.evaluations import Evaluations
+from sada_gym.measures.failure_regions import Condition
 
 AROUND = ("in front", "on the left", "behind", "on the right")
 SPACE = ParameterSpace(
@@ -18,6 +22,11 @@ SPACE = ParameterSpace(
     Parameter("cars", 0.5, 10.5, whole=True),
     Parameter("friction", 0.01, 1.0, log=True),
 )
+
+
+SQUARE = ParameterSpace(Parameter("x", -1.0, 1.0), Parameter("y", -1.0, 1.0))
+RIGHT = [Condition(parameter="x", ranges=((0.0, 1.0),), text="x is above 0")]
+TOP = [Condition(parameter="y", ranges=((0.0, 1.0),), text="y is above 0")]
 
 
 def column(values, name):
@@ -79,7 +88,13 @@ def overlap(weakness, rule):
         (steep, ["camera pitch is above 35°"]),
         (heavy_in_fog, ["payload is above 3 kg", "weather is fog"]),
         (crowded, ["cars is at least 8", "friction is below 0.1"]),
-        (slanted, ["payload + 0.5 \N{MULTIPLICATION SIGN} trailer is between"]),
+        (
+            slanted,
+            [
+                "payload is between 4.5 kg \N{MINUS SIGN} 0.5 \N{MULTIPLICATION SIGN} trailer and",
+                " 5.5 kg \N{MINUS SIGN} 0.5 \N{MULTIPLICATION SIGN} trailer",
+            ],
+        ),
     ],
 )
 def test_a_planted_weakness_is_named(rule, words):
@@ -128,6 +143,117 @@ def test_the_interval_of_a_threshold_holds_the_true_one():
         assert end.interval_95[0] <= end.value <= end.interval_95[1]
         hits.append(end.interval_95[0] <= 35 <= end.interval_95[1])
     assert np.mean(hits) >= 0.75
+
+
+def test_a_rule_is_a_weakness_once_fifteen_fresh_worlds_inside_and_outside_confirm_it():
+    few = diagnose(steep, behind, n=200, fresh=10)
+    assert 0 < few.fresh <= 10
+    assert not any(one.is_checked for one in few.weaknesses)
+    assert few.sentence.startswith("Perhaps fails where ")
+    assert "not yet confirmed" in few.sentence
+    enough = diagnose(steep, behind, n=200, fresh=10, enough=True)
+    assert len(enough.weaknesses) == 2
+    assert enough.sentence.startswith("Fails where ")
+    assert 45 <= enough.fresh <= 15 * 8
+    for one in enough.weaknesses:
+        assert min(one.fresh) >= 15
+        assert one.is_checked
+        # the 200 uniform worlds that the run knew count, too
+        assert one.outside.samples > 100
+
+
+def test_worlds_that_broke_are_replaced_before_a_rule_is_confirmed():
+    rng = np.random.default_rng(1)
+
+    def evaluate(mu):
+        return steep(SPACE.physical(mu)), rng.random(len(mu)) < 0.6
+
+    mu = rng.uniform(-1, 1, (300, len(SPACE))).astype(np.float32)
+    known = Evaluations(mu, np.where(steep(SPACE.physical(mu)), 0.0, 1.0), np.arange(300))
+    uniform = np.ones(300, np.bool_)
+    found = diagnose_worlds(SPACE, known, 0.5, uniform, evaluate=evaluate, enough=True, fresh=15)
+    assert all(min(one.fresh) >= 15 for one in found.weaknesses)
+    assert found.fresh > 30
+
+
+def test_a_rate_weighs_worlds_by_how_densely_they_were_drawn():
+    checker = Checker(
+        SQUARE, [RIGHT, TOP], lambda mu: np.ones(len(mu), np.bool_), np.random.default_rng(0)
+    )
+    rates = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+
+        def evaluate(mu, rng=rng):
+            both = (mu > 0).all(axis=1)  # a corner that each of the two rules draws from
+            return rng.random(len(mu)) < np.where(both, 1.0, 0.0), np.ones(len(mu), np.bool_)
+
+        drawn = checker.spend(evaluate, 90, enough=True)
+        rates.append(checker.rate(drawn, np.ones(len(drawn.mu), np.bool_)).rate)
+    assert abs(np.mean(rates) - 0.25) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("rate", "words"), [(1.0, "Every world fails"), (0.97, "Nearly every wor")]
+)
+def test_where_every_world_fails_it_says_so(rate, words):
+    found = diagnose(n=300, elsewhere=rate)
+    assert found.weaknesses == ()
+    assert found.sentence.startswith(words)
+    assert "of uniform worlds fool the agent" in found.sentence
+
+
+def test_one_whole_number_is_told_as_one():
+    [weakness] = diagnose(lambda values: np.rint(column(values, "cars")) == 7).weaknesses
+    assert weakness.text == "cars is 7"
+
+
+def _value(told, turbulence):
+    """Compute `78 + 40 * turbulence`, as a rule tells it."""
+    parts = re.fullmatch(r"(?:(-?[0-9.]+) ([+-]) )?(-?)(?:([0-9.]+) \* )?turbulence", told)
+    start, sign, minus, factor = parts.groups()
+    slope = float(factor or 1) * (-1 if "-" in (sign, minus) else 1)
+    return float(start or 0) + slope * turbulence
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sum_is_told_solved_for_one_parameter_and_holds_as_it_is_told(seed):
+    rng = np.random.default_rng(seed)
+    space = ParameterSpace(
+        Parameter("turbulence", 0.0, float(rng.uniform(1, 3))), Parameter("speed", 20.0, 180.0)
+    )
+    slope = float(rng.uniform(20, 60)) * (1 if seed % 2 else -1)
+    mu = rng.uniform(-1, 1, (2_000, 2)).astype(np.float32)
+    turbulence, speed = space.physical(mu).T
+    fooled = speed < 90.0 + slope * (turbulence - 0.5)
+    known = Evaluations(mu, 1.0 - fooled, np.arange(2_000))
+    weaknesses = diagnose_worlds(space, known, 0.5, np.ones(2_000, np.bool_)).weaknesses
+    inside = [holds(weakness.conditions, space, mu) for weakness in weaknesses]
+    assert (np.any(inside, axis=0) == fooled).mean() > 0.95
+    told = [
+        one for weakness in weaknesses for one in weakness.conditions if one.text.count(" ") > 3
+    ]
+    assert any(one.text.startswith("speed is below") for one in told)
+    for one in told:
+        text = one.text.replace("\N{MINUS SIGN}", "-").replace("\N{MULTIPLICATION SIGN}", "*")
+        place, _, rest = text.removeprefix("speed is ").partition(" ")
+        ends = [_value(end, turbulence) for end in rest.split(" and ")]
+        said = speed < ends[-1] if place == "below" else speed > ends[0]
+        if place == "between":
+            said &= speed < ends[1]
+        assert (said == holds([one], space, mu)).mean() > 0.999
+
+
+def test_an_angle_is_not_cut_at_its_seam():
+    angle = Parameter("wind_azimuth_deg", 0.0, 360.0, "deg", directions=AROUND)
+    space = ParameterSpace(angle, Parameter("x", 0.0, 1.0))
+    mu = np.random.default_rng(0).uniform(-1, 1, (1_000, 2)).astype(np.float32)
+    azimuth = space.physical(mu)[:, 0]
+    fooled = (azimuth > 340) | (azimuth < 20)
+    known = Evaluations(mu, 1.0 - fooled, np.arange(1_000))
+    [weakness] = diagnose_worlds(space, known, 0.5, np.ones(1_000, np.bool_)).weaknesses
+    assert weakness.text == "wind is in front (above 340° or below 20°)"
+    assert (holds(weakness.conditions, space, mu) == fooled).mean() > 0.99
 
 
 def test_noise_is_nowhere_in_particular():

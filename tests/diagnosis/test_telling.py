@@ -12,7 +12,7 @@ from sada_gym import make_application
 from sada_gym.application import Application
 from sada_gym.attack import attack
 from sada_gym.diagnosis import diagnose
-from sada_gym.diagnosis.record import read_diagnosis
+from sada_gym.diagnosis.record import DIAGNOSIS_FILE, read_diagnosis
 from sada_gym.diagnosis.rules import holds
 
 ANALYTIC = {"regions": 1, "volume": 0.2, "noise": 0.05}
@@ -34,6 +34,14 @@ def test_a_weakness_tells_what_happens_in_it_and_what_is_confirmed(tmp_path: Pat
     assert weakness.confirmed.samples == inside.sum()
     assert weakness.confirmed.fooled == np.sum(inside & np.array(again))
     assert read_diagnosis(tmp_path / "run") == result.diagnosis
+
+
+def test_a_later_diagnosis_tells_the_same_as_the_attack(tmp_path: Path) -> None:
+    first = run(tmp_path / "run", env_kwargs={**ANALYTIC, "regions": 3}).diagnosis
+    (tmp_path / "run" / DIAGNOSIS_FILE).unlink()
+    assert diagnose(tmp_path / "run", workers=2) == first
+    assert diagnose(tmp_path / "run") == first
+    assert any(weakness.behaviour for weakness in first.weaknesses)
 
 
 def test_a_finished_run_gets_them_later_and_plays_nothing_twice(

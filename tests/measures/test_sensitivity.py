@@ -28,6 +28,13 @@ def test_the_indices_are_those_of_a_corner(dimension):
         assert low <= influence.total <= high
 
 
+def test_one_parameter_explains_everything():
+    mu = worlds(500, 1)
+    (influence,) = fit_failures(mu, mu[:, 0] > 0.4).influences(["x"])
+    assert influence.first == pytest.approx(1.0, abs=0.05)
+    assert influence.total == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_chance_is_no_certainty():
     mu = worlds(3_000, 3)
     chance = np.where(mu[:, 0] > 0, 0.8, 0.2)

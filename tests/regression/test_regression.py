@@ -11,12 +11,16 @@ import pytest
 from junitparser import Failure, JUnitXml, Skipped
 from toy import Toy
 
+from sada_gym import make_application
 from sada_gym.attack import attack
+from sada_gym.diagnosis.grouping import NO_WEAKNESS
+from sada_gym.diagnosis.record import read_diagnosis
+from sada_gym.diagnosis.rules import holds
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.folder import read_samples
 from sada_gym.measures.groups import match, neighbourhoods, places, words
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.regression.export import export
+from sada_gym.regression.export import MOST_IN_GROUP, export
 from sada_gym.regression.junit import junit, markdown
 from sada_gym.regression.regress import regress
 from sada_gym.regression.suite import read_suite
@@ -56,7 +60,7 @@ def test_a_suite_holds_confirmed_failures_and_as_many_passes_near_them(toy):
         assert case.expected_result == ("fail" if case.fooled_seeds >= 2 else "pass")
         assert case.expected_result == ("fail" if case in failures else "pass")
         assert case.concrete_scenario == toy_.parameters.describe(np.float32(case.mu))
-    assert max(np.bincount([case.group for case in failures])) <= 10
+    assert max(np.bincount([case.group for case in failures])) <= MOST_IN_GROUP
     assert "°" in suite.groups[0]
 
 
@@ -191,6 +195,23 @@ def test_an_edited_suite_is_not_overwritten(tmp_path):
     with pytest.raises(FileError, match="may have been edited"):
         export(folder, suite, **again)
     assert suite.read_text() == edited
+
+
+def test_the_groups_of_a_suite_are_the_weaknesses_of_the_diagnosis(tmp_path):
+    environment = make_application("SADA-Analytic-v0", dimension=4, regions=1, volume=0.2)
+    folder = run(
+        tmp_path / "run",
+        "SADA-Analytic-v0",
+        env_kwargs={"dimension": 4, "regions": 1, "volume": 0.2},
+    )
+    weaknesses = [weakness.text for weakness in read_diagnosis(folder).weaknesses]
+    suite = export(folder, tmp_path / "suite").suite
+    assert set(suite.groups) <= {*weaknesses, NO_WEAKNESS}
+    assert suite.groups[0] == weaknesses[0]
+    for case in suite.test_cases:
+        if case.objective == "failure" and case.group == 1:
+            first = read_diagnosis(folder).weaknesses[0].conditions
+            assert holds(first, environment.parameters, [case.mu]).all()
 
 
 def test_training_queries_count_too(tmp_path):
