@@ -29,8 +29,9 @@ __all__ = [
 DIAGNOSIS_FILE = "diagnosis.json"
 VERSION = 1
 
-LEAST_FRESH = 15
-"""So many fresh worlds in it, and as many outside all rules, confirm a weakness."""
+LEAST_FRESH, LEAST_LEAD = 15, 0.15
+"""So many fresh worlds in it, and as many outside all rules, confirm a weakness, if its rate is
+higher by so much: the lower end of its interval is, than the upper end of the rate elsewhere."""
 
 
 class Threshold(Strict):
@@ -105,9 +106,12 @@ class Weakness(Strict):
 
     @property
     def is_checked(self) -> bool:
-        """Whether at least `LEAST_FRESH` fresh worlds in it, and as many outside, confirmed it."""
-        old = tuple(0 if rate is None else rate.samples for rate in (self.inside, self.outside))
-        return min(self.fresh or old) >= LEAST_FRESH
+        """Whether enough fresh worlds confirmed it, see `LEAST_FRESH`."""
+        if self.inside is None or self.outside is None:
+            return False
+        lead = self.inside.interval_95[0] - self.outside.interval_95[1]
+        fresh = self.fresh or (self.inside.samples, self.outside.samples)
+        return min(fresh) >= LEAST_FRESH and lead >= LEAST_LEAD
 
 
 class Diagnosis(Strict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sada_gym.diagnosis.record import LEAST_FRESH, Diagnosis, Weakness
+from sada_gym.diagnosis.record import Diagnosis, Weakness
 from sada_gym.measures.failure_regions import percent
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import number
@@ -53,7 +53,7 @@ def rate_text(rate: Rate) -> str:
 def _findings(weakness: Weakness) -> str:
     share = f"{percent(weakness.share)} of the failures"
     if not weakness.is_checked:
-        share += f"; not yet confirmed by {LEAST_FRESH} fresh worlds in it and as many elsewhere"
+        share += "; not yet confirmed, too few fresh worlds say so clearly"
     if weakness.inside is None:
         return share
     elsewhere = "" if weakness.outside is None else f", {rate_text(weakness.outside)} elsewhere"

@@ -219,7 +219,7 @@ def _heading(text: str) -> str:
 
 def _sentences(weakness: Weakness) -> Iterator[str]:
     if not weakness.is_checked:
-        yield "Not yet confirmed: too few fresh worlds checked it."
+        yield "Not yet confirmed: too few fresh worlds say so clearly."
     if weakness.inside is not None:
         text = f"{_rate(weakness.inside)} of uniform worlds in it fool the agent"
         if weakness.outside is not None:
