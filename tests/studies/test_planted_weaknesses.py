@@ -38,12 +38,13 @@ def test_true_rules_are_found_and_others_false():
     assert judged["within"] == [1.0] * len(true) + [0.0]
     nothing = judge(setting, [])
     assert nothing["one"] == [0.0] * len(true)
+    checked = {"fresh": 45, "inside": [True, False], "outside": [True]}
     row = {
         "adversary": "random",
         "dimension": len(setting.space),
         "kinds": [weakness.kind for weakness in setting.planted],
         "found": {
-            "sada-gym": {**judged, "seconds": 1.0, "groups": len(true) + 1},
+            "sada-gym": {**judged, **checked, "seconds": 1.0, "groups": len(true) + 1},
             "PRIM": {**nothing, "seconds": 1.0},
             "decision tree": {**nothing, "seconds": 1.0},
         },
@@ -51,4 +52,5 @@ def test_true_rules_are_found_and_others_false():
     ours, prim = tables([row]).splitlines()[2:4]
     assert "| sada-gym | 100.0 % (" in ours
     assert "| PRIM | 0.0 % (" in prim
+    assert "| 45 | 50.0 % (" in tables([row])
     assert f"| {len(true)} | 1 | {len(true) + 1}.0 | 0.0 %" in tables([row])
