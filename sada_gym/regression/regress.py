@@ -253,7 +253,7 @@ def _open(
     folder = suite.parent / item.folder
     table = parse_toml(item.toml.encode(), suite)
     old, table["agent"] = table.get("agent"), _absolute(str(given), Path.cwd())
-    if "agent_id" in table and table["agent"] != _absolute(str(old), folder.absolute()):
+    if "agent_id" in table and not _same(table["agent"], _absolute(str(old), folder)):
         table["agent_id"] = _identity(table["agent"])  # the file's names the old agent
     application = application_of(table, folder / "application.toml")
     return OpenTarget.of(application, workers=workers)
@@ -264,6 +264,10 @@ def _absolute(agent: str, folder: Path) -> str:
     path = os.path.expanduser(agent)
     is_file = Path(path).suffix.lower() in SUFFIXES or ":" not in agent
     return str(folder / path) if is_file else agent
+
+
+def _same(agent: str, other: str) -> bool:
+    return os.path.abspath(agent) == os.path.abspath(other)
 
 
 def _identity(agent: str) -> str:
