@@ -12,7 +12,6 @@ from functools import cached_property
 
 from sada_gym.diagnosis.record import Rate, Weakness
 from sada_gym.diagnosis.summary import rows as weakness_rows
-from sada_gym.experiment.command import from_here
 from sada_gym.experiment.summary import summary_rows
 from sada_gym.report.run import ReportedRun, highlights
 from sada_gym.report.thumbnails import World, plot_of
@@ -179,8 +178,8 @@ class RunView:
     def command(self) -> str:
         """What repeats the run from the working directory: a command, or a line of Python."""
         if self.run.columns.command:
-            # the run's own folder is not free
-            out = shlex.quote(f"{from_here(self.run.folder)}-again")
+            # the run's own folder is not free, and a page is the same wherever its run lies
+            out = shlex.quote(f"{self.run.name}-again")
             return f"{self.run.columns.command} --out {out}"
         sizes = f"budget={self.protocol.budget}, samples={self.protocol.samples}"
         options = self.settings.experiment.adversary.options

@@ -80,7 +80,6 @@ HEAVY = ("torch", "scipy", "matplotlib", "pybullet", "stable_baselines3", "sklea
 def test_help_and_misspelt_names_are_light(command, more, tmp_path):
     code = """
 import sys
-from sada_gym.benchmark.suite import find_suite
 from sada_gym.cli import app
 try:
     app(sys.argv[2:], prog_name="sada-gym")

@@ -55,7 +55,7 @@ def test_the_command_of_a_report_repeats_its_run(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(f"sada-gym attack {words} --workers 1 --out 'my runs/first'")
     command = offered(tmp_path / "my runs" / "first")
-    again = tmp_path / "my runs" / "first-again"
+    again = tmp_path / "first-again"
     run(f"{command} --workers 1")
     for name in ("worlds.csv", "diagnosis.json"):
         first = (tmp_path / "my runs" / "first" / name).read_bytes()
@@ -74,7 +74,7 @@ def test_the_command_of_a_report_repeats_the_run_of_a_file(tmp_path, monkeypatch
     command = offered(made)
     assert shlex.split(command)[2] == "my files/pole.toml"
     run(f"{command} --workers 1")
-    assert (made.parent / f"{made.name}-again" / "result.json").is_file()
+    assert (tmp_path / f"{made.name}-again" / "result.json").is_file()
 
 
 def test_an_entry_says_how_its_runs_were_made(tmp_path, monkeypatch):
