@@ -213,7 +213,7 @@ def by_keywords(targets: Sequence[str], world: Any, make: Callable[..., Any]) ->
     """
     try:
         other = make(*((target, read(world, target)) for target in targets)) if targets else world
-    except UserError:  # the constructor does not take such a value
+    except Exception:  # the constructor, or a reset, does not take such a value
         return {}
     numbers = [name for name, value in vars(other).items() if is_numeric(value)]
     differing = [n for n in numbers if not _same(getattr(other, n), read(world, n))]

@@ -95,6 +95,12 @@ class Reader(Toy):
         return super().step(self.third)
 
 
+def refuse_other_rests(env, **kwargs):
+    if env.bounce > 3.0:
+        raise RuntimeError("too high")
+    return Toy.reset(env, **kwargs)
+
+
 def wrapped():
     return gym.wrappers.TransformReward(TimeLimit(Toy(), 5), float)
 
@@ -201,6 +207,8 @@ def test_without_source_a_second_construction_tells_of_keywords():
     with pytest.warns(Notice, match=r"Set bounce by a Function, or the parameters by a Keyword\."):
         found = application({"rest": Attribute(2.0, 3.0)}, space["Hidden"])
     assert found.stale == {"bounce": ""}
+    space["Hidden"].reset = refuse_other_rests
+    assert application({"rest": Attribute(2.0, 3.0)}, space["Hidden"]).stale == {}
 
 
 @pytest.mark.parametrize("mu", [-1.0, 0.3, 1.0])
