@@ -125,14 +125,17 @@ def test_the_example_of_a_submission_is_what_the_entry_of_gp_claims() -> None:
     assert f"SADA-Digits-3-v0.cnn.paper-budgets: AFR {100 * afr:.1f} % (" in page
 
 
-def test_the_headline_is_what_the_entry_of_make_attack_claims() -> None:
+def test_the_pages_tell_one_figure_of_make_attack_near_the_entrys_claim() -> None:
     claims = claims_of("bbgan", "SADA-Detection-Car-v0.photographer.paper-budgets")
-    reference = claims.experiment.target.reference
-    assert reference is not None
-    afr, uniform = afr_of(claims, 0), reference.uniform_rate
-    headline = (
-        f"In half a minute BBGAN learns worlds that fool the car detector {100 * afr:.0f} % of the "
-        f"time; random worlds fool it {100 * uniform:.0f} %"
-    )
-    for page in (ROOT / "README.md", DOCS / "index.md"):
-        assert headline in page.read_text(encoding="utf-8")
+    told = [
+        re.search(pattern, page.read_text(encoding="utf-8"))
+        for page, pattern in (
+            (ROOT / "README.md", r"whose samples then fool\s+(\d+) %"),
+            (DOCS / "index.md", r"BBGAN learns worlds that fool the car detector (\d+) %"),
+            (DOCS / "getting-started.md", r"then (\d+) % of its samples fool"),
+        )
+    ]
+    (figure,) = {int(found[1]) for found in told if found is not None}
+    assert None not in told
+    # the entry was made by other kernels; 250 samples tell a rate to 5 points
+    assert abs(figure - 100 * afr_of(claims, 0)) < 5

@@ -168,7 +168,7 @@ class PPO(SB3Adversary):
     def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         rows = steps.start, steps.action
         tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
-        with torch.no_grad():
+        with torch.no_grad(), one_thread():
             values, log_densities, _ = self._model.policy.evaluate_actions(*tensors)
         buffer = self._model.rollout_buffer
         buffer.reset()

@@ -116,7 +116,7 @@ def test_bad_options_are_refused(options, message):
 def test_missing_ribs_is_named_with_its_remedy_before_any_query(monkeypatch):
     monkeypatch.setitem(sys.modules, "ribs", None)
     oracle = RecordingOracle(AnalyticApplication(), budget=50)
-    with pytest.raises(ModuleNotFoundError, match=r"pip install 'sada-gym\[qd\]'"):
+    with pytest.raises(ModuleNotFoundError, match=r"pip install .* '\.\[qd\]'"):
         CMAMAE(2, seed=0).train(oracle)
     assert oracle.remaining == 50
 

@@ -302,7 +302,7 @@ def test_models_of_sb3_contrib_need_it(module, path, monkeypatch):
     entry = {":serialized:": base64.b64encode(words).decode()}
     rewrite(path, data=lambda data: data.update(policy_class=entry))
     monkeypatch.setitem(sys.modules, "sb3_contrib", None)
-    with pytest.raises(UserError, match=r"sb3-contrib to be installed.*sada-gym\[contrib\]"):
+    with pytest.raises(UserError, match=r"sb3-contrib to be installed.* '\.\[contrib\]'"):
         load_sb3(path, VECTOR, DISCRETE)
 
 
