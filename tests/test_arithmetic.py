@@ -5,12 +5,13 @@ import sys
 import warnings
 
 import pytest
-from families import MISSING
+from families import family
 from make_digests import FILE, digest, libm
 
 from sada_gym import make_application
 from sada_gym.adversaries import registry
 from sada_gym.arithmetic import CANONICAL, arithmetic, warn_of_others
+from sada_gym.cards import cards
 from sada_gym.experiment.packages import installed, packages
 from sada_gym.registration import tracks
 
@@ -66,10 +67,7 @@ def canonical():
 
 
 @needs_avx2
-@pytest.mark.parametrize(
-    "track",
-    [pytest.param(t, marks=() if t in FAST else pytest.mark.slow) for t in DIGESTS["attacks"]],
-)
+@pytest.mark.parametrize("track", family(DIGESTS["attacks"], *FAST))
 def test_an_attack_is_the_same_on_all_processors(track):
     if libm() != DIGESTS["libm"]:
         pytest.skip(
@@ -79,8 +77,8 @@ def test_an_attack_is_the_same_on_all_processors(track):
 
 
 def test_each_track_has_a_digest():
-    assert set(DIGESTS["attacks"]) == {track for track in tracks() if not MISSING[track]}
-    assert set(FAST) < set(DIGESTS["attacks"])
+    repeatable = {track for card in cards() if card.repeatable for track in card.track_ids}
+    assert set(DIGESTS["attacks"]) == repeatable & set(tracks())
 
 
 @needs_avx2
