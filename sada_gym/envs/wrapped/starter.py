@@ -11,8 +11,8 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,6 @@ import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
 from sada_gym.agents.remote.places import place_of
-from sada_gym.arrays import Floats
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.application import GymnasiumApplication
@@ -65,14 +64,22 @@ class _Candidate:
 
     name: str
     binding: ParameterBinding
-    nominal: float
+    nominal: float = 0.0
     derived: Mapping[str, str] = field(default_factory=dict)
     """The attributes that follow from it, and their formulas, "" where unknown."""
 
-    @property
-    def rank(self) -> tuple[bool, str]:
-        """What sounds like physics comes first."""
-        return not _PHYSICS.search(self.name), self.name
+    def __str__(self) -> str:
+        """Write it as a line of a file."""
+        settings = dict(self.binding.settings)
+        kind = settings.pop("kind")
+        value: Any = [settings["low"], settings["high"]]
+        if kind not in ("Keyword", "Attribute") or [*settings] != ["low", "high"]:
+            name = next(name for name, known in KINDS.items() if known is type(self.binding))
+            value = {"kind": name, **settings}
+        return _line(self.name, value) + (f"  # now {self.nominal:g}" if self.nominal else "")
+
+
+_DELAY = _Candidate("action_delay", ActionDelay(0, 3, integer=True, unit="steps"))
 
 
 @dataclass(frozen=True)
@@ -108,125 +115,131 @@ def starter_file(
         folder: Where the file will lie: the agent's path is written relative to it.
 
     Raises:
-        UserError: If the environment or the agent cannot be used, or nothing can be changed.
+        UserError: If the environment or the agent cannot be used.
     """
     folder = folder or Path()
     find_modules_in(folder)
     # a file's path and a program's parts are relative to the file that names them
     opened = agent_of(str(agent), Path.cwd() / "starter.toml")
-    named = str(agent)
+    named = [_line("agent", str(agent))]
     if isinstance(opened, Path):
         if not opened.is_file():
             raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
-        named = Path(os.path.relpath(opened, folder)).as_posix()
-    is_imported = not isinstance(opened, Path) and place_of(named, folder) is None
-    keywords = dict(env_kwargs or {})
-    factory, limits = _limited(EnvFactory(env_id, keywords, max_steps))
-    make = partial(
-        GymnasiumApplication,
-        env_id,
-        fooling_threshold=0.5,
-        max_steps=factory.max_steps,
-        env_kwargs=keywords,
-        agent_id="starter",
-    )
+        named = [_line("agent", Path(os.path.relpath(opened, folder)).as_posix())]
+    elif place_of(str(agent), folder) is None:
+        named.append(_line("agent_id", str(agent)) + "  # change it whenever the agent changes")
+    factory, notes = EnvFactory(env_id, dict(env_kwargs or {}), max_steps), list[str]()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        proposed = [_accepted(make, candidate) for candidate in _candidates(factory)]
-        known = [candidate for candidate in proposed if candidate is not None]
+        with closing(factory.make({})) as env:
+            if max_steps is None and not has_time_limit(env):
+                factory = replace(factory, max_steps=LIMIT)
+                said = f"{factory.name} has no TimeLimit, so the file ends an episode after"
+                notes.append(f"{said} {LIMIT:,} steps.")
+            proposed = _candidates(env, factory)
+        make = partial(
+            GymnasiumApplication,
+            env_id,
+            fooling_threshold=0.5,
+            max_steps=factory.max_steps,
+            env_kwargs=factory.env_kwargs,
+            agent_id="starter",
+        )
+        agents = _play(make, _DELAY, -1.0, agent=opened, count=EPISODES)
+        chance = _play(make, _DELAY, -1.0, agent=_RandomActions(), count=EPISODES)
+        known = [c for candidate in proposed if (c := _accepted(make, candidate)) is not None]
         following = {path for candidate in known for path in candidate.derived}
         candidates = [c for c in known if c.name not in following and all(c.derived.values())]
-        if not candidates:
-            raise UserError(
-                f"Expected something in {factory.name} that a parameter can set, got nothing. "
-                "Write the file by hand, with a function of your own: see own-agent.md."
-            )
-        trials = _Trials(make, opened, candidates)
-        works = [c for c in candidates if trials.changes(c)]
-        agents, chance = trials.nominal(), trials.at_random()
-    chosen = sorted(works, key=lambda candidate: candidate.rank)[:MAX_PARAMETERS] or candidates[:1]
-    score, threshold, notes = _score(agents, chance)
-    others = [c for c in candidates if c not in chosen]
-    text = _toml(
-        factory, _agent_lines(named, is_imported), score, threshold, chosen, others, trials.dead
-    )
-    text += "".join(_why(c, following) for c in known if c not in candidates)
+        works, dead = list[_Candidate](), list[_Candidate]()
+        for candidate in candidates:
+            with suppress(UserError):  # a world that the environment cannot be in
+                probe = partial(_play, make, candidate, agent=opened, max_steps=_PROBE_STEPS)
+                (works if _differ(*probe(-1.0), *probe(1.0)) else dead).append(candidate)
+    works.sort(key=lambda one: (not _PHYSICS.search(one.name), one.name))
+    chosen = works[:MAX_PARAMETERS] or candidates[:1]
+    others = [
+        f"# {one}{'  # changed nothing when it was tried' if one in dead else ''}"
+        for one in candidates
+        if one not in chosen
+    ]
+    for one in known:
+        unknown = " and ".join(path for path, text in one.derived.items() if not text)
+        if one.name in following:
+            others.append(f"# {one.name} follows from others")
+        elif unknown:
+            said = f"is left out: {unknown} would keep the value computed from it"
+            others.append(f"# {one.name} {said}")
+    score, threshold, about_score = _score(agents, chance)
+    lines = [
+        "# A first guess by `sada-gym init`: look at every line before you trust a result.",
+        _line("environment", factory.identity),
+        *named,
+        _line("score", score),
+        "# fooling_threshold =   # choose one when the agent is better than random actions"
+        if threshold is None
+        else _line("fooling_threshold", threshold),
+        *([] if factory.max_steps is None else [_line("max_steps", factory.max_steps)]),
+    ]
     listed = ", ".join(candidate.name for candidate in chosen)
     ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
-    notes = (f"Parameters: {listed}. {ranges} what can happen.", *limits, *notes)
-    return StarterFile(text, notes, threshold is not None)
+    notes = [f"Parameters: {listed}. {ranges} what can happen.", *notes, *about_score]
+    text = "\n".join([*lines, *_sections(factory.env_kwargs, chosen, others)])
+    return StarterFile(f"{text}\n", tuple(notes), threshold is not None)
 
 
-def _limited(factory: EnvFactory) -> tuple[EnvFactory, list[str]]:
-    """Return a factory whose episodes have a limit of steps, and what was guessed."""
-    if factory.max_steps is not None:
-        return factory, []
-    with closing(factory.make({})) as env:
-        if has_time_limit(env):
-            return factory, []
-    note = f"{factory.name} has no TimeLimit, so the file ends an episode after {LIMIT:,} steps."
-    return replace(factory, max_steps=LIMIT), [note]
+def _sections(
+    env_kwargs: Mapping[str, Any], chosen: Sequence[_Candidate], others: Sequence[str]
+) -> Iterator[str]:
+    derived = [item for candidate in chosen for item in candidate.derived.items()]
+    for title, lines in {
+        "[env_kwargs]": [_line(*item) for item in env_kwargs.items()],
+        "[parameters]": [*map(str, chosen)],
+        "[derived]  # what the constructor computed from the parameters": [
+            _line(path, text) for path, text in dict(derived).items()
+        ],
+        "# Other parameters that it could have:": others,
+    }.items():
+        if lines:
+            yield from ("", title, *lines)
 
 
-class _Trials:
-    """Episodes of the agent in the nominal world, and in worlds that differ in one parameter."""
+def _line(key: str, value: Any) -> str:
+    """Write a line of TOML."""
+    if isinstance(value, dict):
+        text = f"{{ {', '.join(_line(*item) for item in value.items())} }}"
+    else:
+        text = json.dumps(value)
+    is_bare = re.fullmatch(r"[\w-]+", key, re.ASCII)
+    return f"{key if is_bare else json.dumps(key)} = {text}"
 
-    def __init__(
-        self, make: Callable[..., GymnasiumApplication], agent: Any, candidates: list[_Candidate]
-    ) -> None:
-        self.dead: list[str] = []
-        self._make, self._agent, self._candidates = make, agent, candidates
 
-    def changes(self, candidate: _Candidate) -> bool:
-        """Say whether the two ends of a parameter's range differ in what happens."""
-        try:
-            low, high = (self.play(_PROBE_STEPS, candidate, end)[0] for end in (-1.0, 1.0))
-        except UserError:  # a world that the environment cannot be in
-            return False
-        changed = _differs(low, high)
-        if not changed:
-            self.dead.append(candidate.name)
-        return changed
+def _play(
+    make: Callable[..., GymnasiumApplication],
+    candidate: _Candidate,
+    end: float,
+    *,
+    agent: Any,
+    count: int = 1,
+    **options: Any,
+) -> list[Episode]:
+    """Play episodes with one parameter at an end of its range, and all others as they are."""
+    record: list[Episode] = []
 
-    def nominal(self) -> list[Episode]:
-        """Return nominal episodes of the agent."""
-        return self.play(None, count=EPISODES)
+    def keep(episode: Episode) -> float:
+        record.append(episode)
+        return 0.0
 
-    def at_random(self) -> list[Episode]:
-        """Return nominal episodes of random actions."""
-        return self.play(None, count=EPISODES, agent=_RandomActions())
+    parameters, derived = {candidate.name: candidate.binding}, candidate.derived or None
+    with closing(
+        make(agent=agent, parameters=parameters, score=keep, derived=derived, **options)
+    ) as application:
+        application.evaluate(np.full((count, 1), end), range(count))
+    return record[:count]  # then some are played again
 
-    def play(
-        self,
-        max_steps: int | None,
-        candidate: _Candidate | None = None,
-        end: float = 0.0,
-        *,
-        count: int = 1,
-        agent: Any = None,
-    ) -> list[Episode]:
-        """Play episodes; all parameters have their nominal values, but one may be at an end."""
-        record: list[Episode] = []
 
-        def keep(episode: Episode) -> float:
-            record.append(episode)
-            return 0.0
-
-        moved = candidate or self._candidates[0]
-        options = {} if max_steps is None else {"max_steps": max_steps}
-        application = self._make(
-            agent=agent or self._agent,
-            parameters={moved.name: moved.binding},
-            score=keep,
-            derived=moved.derived or None,
-            **options,
-        )
-        with closing(application):
-            mu = np.array([[end]])
-            if candidate is None:
-                mu = application.parameters.normalised(np.array([[moved.nominal]]))
-            application.evaluate(np.repeat(mu, count, axis=0), range(count))
-        return record
+def _differ(one: Episode, other: Episode) -> bool:
+    same_rewards = np.array_equal(one.rewards, other.rewards)
+    return not (same_rewards and data_equivalence(one.observations, other.observations))
 
 
 class _RandomActions:
@@ -246,83 +259,72 @@ class _RandomActions:
         return actions
 
 
-def _candidates(factory: EnvFactory) -> Iterator[_Candidate]:
-    """List what can be set in an environment and has a number other than zero now."""
-    with closing(factory.make({})) as env:
-        world: Any = env.unwrapped
-        known = set[str]()
-        for name, value in _keywords(type(world), factory).items():
-            known.add(name)
-            yield _around(name, Keyword, value or 0.0)
-        config = getattr(world, "config", None)
-        for name, value in _entries(config if isinstance(config, dict) else {}):
-            word = re.sub(r"\W", "_", name)
-            if _is_physics(name, value) and word not in known:
-                known.add(word)
-                target = {} if word == name else {"name": name}
-                yield _around(name, Config, value, **target)
-        for name, (path, value) in _steady(env, world).items():
-            if path.startswith("model.body_mass"):  # inertia goes with mass
-                both = (path, path.replace("mass", "inertia"))
-                yield _Candidate(name, Attribute(0.5, 2.0, paths=both, factor=True), 1.0)
-            elif name not in known:
-                target = {} if path == name else {"paths": path}
-                yield _around(name, Attribute, value, **target)
-        space = env.observation_space
-        if isinstance(space, gym.spaces.Box) and len(space.shape) == 1:
-            yield _Candidate("noise", ObservationNoise(0.0, _noise(env)), 0.0)
-    yield _Candidate("observation_delay", ObservationDelay(0, 3, integer=True, unit="steps"), 0.0)
-    yield _Candidate("action_delay", ActionDelay(0, 3, integer=True, unit="steps"), 0.0)
-
-
-def _entries(config: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
-    """List what stands in a configuration, and in dictionaries and lists within it, by path."""
-    for key, value in config.items():
-        if isinstance(value, Mapping) and _is_word(key):
-            inside = _entries({name: item for name, item in value.items() if _is_word(name)})
-            yield from ((f"{key}.{name}", item) for name, item in inside)
-        elif isinstance(value, list) and _is_word(key):
-            yield from ((f"{key}[{i}]", item) for i, item in enumerate(value))
-        elif isinstance(key, str):
-            yield key, value
-
-
-def _is_word(key: Any) -> bool:
-    return isinstance(key, str) and key.isidentifier()
-
-
-def _keywords(kind: type, factory: EnvFactory) -> dict[str, float]:
-    given = {name: p.default for name, p in inspect.signature(kind).parameters.items()}
-    given |= {name: p.default for name, p in factory.parameters.items()}
-    return {
-        name: value
-        for name, value in given.items()
-        if name not in factory.env_kwargs
-        and (_is_physics(name, value) or (_is_number(value) and not value and _sounds(name)))
-    }
-
-
-def _steady(env: gym.Env[Any, Any], world: Any) -> dict[str, tuple[str, float]]:
-    """List the numbers of an environment that an episode leaves as they are: name, path, value."""
-    kinds = type(world).__mro__
-    of_class = [name for kind in kinds for name, value in vars(kind).items() if is_number(value)]
+def _candidates(env: gym.Env[Any, Any], factory: EnvFactory) -> list[_Candidate]:
+    """List what can be set in an environment, and has a number other than zero now."""
+    world: Any = env.unwrapped
+    keywords = {**inspect.signature(type(world)).parameters, **factory.parameters}
+    found = [
+        _around(Keyword, name, name, keyword.default or 0.0)
+        for name, keyword in keywords.items()
+        if name not in factory.env_kwargs and _is_physics(name, keyword.default, or_zero=True)
+    ]
+    config = getattr(world, "config", None)
+    entries = _entries(config if isinstance(config, dict) else {})
+    found += [_around(Config, path, path, value) for path, value in entries]
+    of_class = [n for kind in type(world).__mro__ for n, v in vars(kind).items() if is_number(v)]
     paths = {name: name for name in (*vars(world), *of_class) if name[0] != "_"}
     model: Any = getattr(world, "model", None)
     if hasattr(model, "opt") and hasattr(model, "body_mass"):  # MuJoCo's
         paths["gravity"] = "model.opt.gravity[2]"
         heaviest = np.argsort(-np.asarray(model.body_mass), kind="stable")[:2].tolist()
         paths |= {f"{model.body(i).name}_mass": f"model.body_mass[{i}]" for i in heaviest}
-    before = {
-        name: (path, value)
-        for name, path in paths.items()
-        if _is_physics(name, value := _at(world, path))
-    }
-    env.reset(seed=0)
+    values = {path: _at(world, path) for path in paths.values()}
+    seen = _play_at_random(env)
+    for name, path in paths.items():
+        value = values[path]
+        if not _is_physics(name, value) or _at(world, path) != value:  # an episode changes it
+            continue
+        if path.startswith("model.body_mass"):  # inertia goes with mass
+            both = (path, path.replace("mass", "inertia"))
+            found.append(_Candidate(name, Attribute(0.5, 2.0, paths=both, factor=True), 1.0))
+        else:
+            found.append(_around(Attribute, name, path, value))
+    space = env.observation_space
+    if isinstance(space, gym.spaces.Box) and len(space.shape) == 1:
+        spread = np.std(np.asarray(seen, float), axis=0)
+        typical = np.median(spread[spread > 0]) if spread.any() else 0.2
+        found.append(_Candidate("noise", ObservationNoise(0.0, float(f"{0.5 * typical:.2g}"))))
+    late = ObservationDelay(0, 3, integer=True, unit="steps")
+    by_name = dict[str, _Candidate]()
+    for candidate in (*found, _Candidate("observation_delay", late), _DELAY):
+        by_name.setdefault(candidate.name, candidate)
+    return [*by_name.values()]
+
+
+def _entries(config: Mapping[Any, Any], within: str = "") -> Iterator[tuple[str, Any]]:
+    """List the numbers in a configuration, and in dictionaries and lists within it, by path."""
+    for key, value in config.items():
+        is_word = isinstance(key, str) and key.isidentifier()
+        path = f"{within}{key}"
+        if is_word and isinstance(value, Mapping):
+            yield from _entries(value, f"{path}.")
+        elif is_word and isinstance(value, list):
+            inside = [(f"{path}[{i}]", item) for i, item in enumerate(value)]
+            yield from (entry for entry in inside if _is_physics(*entry))
+        elif (is_word or (isinstance(key, str) and not within)) and _is_physics(path, value):
+            yield path, value
+
+
+def _play_at_random(env: gym.Env[Any, Any]) -> list[Any]:
+    """Take a hundred random actions, and return what was observed."""
+    seen = [env.reset(seed=0)[0]]
     env.action_space.seed(0)
-    for _ in range(20):
-        if any(env.step(env.action_space.sample())[2:4]):
-            break
-    return {name: row for name, row in before.items() if _at(world, row[0]) == row[1]}
+    for _ in range(_PROBE_STEPS):
+        observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        seen.append(observation)
+        if terminated or truncated:
+            seen.append(env.reset()[0])
+    return seen
 
 
 def _at(world: Any, path: str) -> Any:
@@ -330,202 +332,98 @@ def _at(world: Any, path: str) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _is_physics(name: str, value: Any) -> bool:
-    return bool(_is_number(value) and value) and not _NO_PHYSICS.search(name.lower())
+def _is_physics(name: str, value: Any, *, or_zero: bool = False) -> bool:
+    """Say whether a number may be one of physics.
 
-
-def _is_number(value: Any) -> bool:
-    return is_number(value) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _sounds(name: str) -> bool:
-    """Whether a number that is zero now sounds like physics, such as `wind_power` or `payload`."""
+    One that is zero now has to sound so, such as `wind_power` or `payload`.
+    """
     name = name.lower()
-    return bool(_PHYSICS.search(name)) and not _NO_PHYSICS.search(name)
+    is_finite = is_number(value) and math.isfinite(value)
+    if not is_finite or _NO_PHYSICS.search(name):
+        return False
+    return bool(value) or (or_zero and bool(_PHYSICS.search(name)))
 
 
-def _around(name: str, /, kind: Any, value: float, **target: str) -> _Candidate:
+def _around(kind: Any, name: str, path: str, value: float) -> _Candidate:
     """Propose half to twice a value, of zero up to one; whole numbers stay whole."""
-    low, high = sorted((value / 2, value * 2 or 1.0))
     name = re.sub(r"\W", "_", name)
+    target = {} if path == name else {"name" if kind is Config else "paths": path}
+    low, high = sorted((value / 2, value * 2 or 1.0))
     if isinstance(value, int):
         whole = kind(math.floor(low), math.ceil(high), integer=True, **target)
         return _Candidate(name, whole, float(value))
-    return _Candidate(name, kind(_short(low), _short(high), **target), float(value))
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.3g}")
-
-
-def _noise(env: gym.Env[Any, Any]) -> float:
-    """Half the typical spread of an observation's entries under random actions."""
-    seen = [env.reset(seed=0)[0]]
-    for _ in range(100):
-        observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
-        seen.append(observation)
-        if terminated or truncated:
-            seen.append(env.reset()[0])
-    spread = np.std(np.asarray(seen, float), axis=0)
-    moving = spread[spread > 0]
-    return float(f"{0.5 * np.median(moving):.2g}") if len(moving) else 0.1
+    return _Candidate(name, kind(_rounded(low, 3), _rounded(high, 3), **target), float(value))
 
 
 def _accepted(
     make: Callable[..., GymnasiumApplication], candidate: _Candidate
 ) -> _Candidate | None:
     """Return a candidate with a range that the environment takes, narrowed if need be; or None."""
-    value, binding = candidate.nominal, candidate.binding
-    narrower = () if binding.integer or not value else _NARROWER
-    for factor in (None, *narrower):
-        if factor is not None:
-            low, high = sorted((_short(value / factor), _short(value * factor)))
-            binding = replace(binding, low=low, high=high)
-        try:
-            application = make(
-                agent=_RandomActions(), parameters={candidate.name: binding}, score=("length", 1)
-            )
-        except UserError:
-            continue
-        return replace(candidate, binding=binding, derived=application.stale)
+    value, bindings = candidate.nominal, [candidate.binding]
+    for factor in _NARROWER if value and not candidate.binding.integer else ():
+        low, high = sorted((_rounded(value / factor, 3), _rounded(value * factor, 3)))
+        bindings.append(replace(candidate.binding, low=low, high=high))
+    for binding in bindings:
+        with suppress(UserError):
+            parameters = {candidate.name: binding}
+            tried = make(agent=_RandomActions(), parameters=parameters, score=("length", 1))
+            return replace(candidate, binding=binding, derived=tried.stale)
     return None
 
 
-def _differs(one: Episode, other: Episode) -> bool:
-    same_rewards = np.array_equal(one.rewards, other.rewards)
-    return not (same_rewards and data_equivalence(one.observations, other.observations))
+def _rounded(value: float, digits: int, towards: Callable[[float], float] = round) -> float:
+    """Round to so many digits, to the nearest, down or up."""
+    step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - digits) if value else 1.0
+    return float(f"{towards(value / step) * step:.6g}")
 
 
 def _score(
     agents: Sequence[Episode], chance: Sequence[Episode]
-) -> tuple[str, float | None, tuple[str, ...]]:
+) -> tuple[str | list[Any], float | None, list[str]]:
     """Choose a score and a threshold, None where the agent is no good, and say why."""
-    if all({*SUCCESS_KEYS} & {*episode.infos[-1]} for episode in (*agents, *chance)):
-        rate = np.mean([Success()(episode)[0] for episode in agents])
-        luck = np.mean([Success()(episode)[0] for episode in chance])
-        said = (
-            f'Score: "success". The agent succeeds in {rate:.0%} of {EPISODES} nominal episodes, '
-            f"random actions in {luck:.0%}."
-        )
-        if rate <= luck:
-            return json.dumps("success"), None, (said, _NO_BETTER)
-        return json.dumps("success"), 0.5, (said, *_doubt(float(1 - rate)))
-    ours, random = _returns(agents), _returns(chance)
-    good, bad = float(np.median(ours)), float(np.median(random))
-    worst, best = float(min(ours.min(), random.min())), float(max(ours.max(), random.max()))
-    margin = 0.5 * (best - worst) or 1.0
-    rewards = np.concatenate([episode.rewards for episode in (*agents, *chance)])
-    low = 0.0 if (rewards >= 0).all() else _rounded(worst - margin, math.floor)
-    # rewards that never differ have a best return: that of the longest episode
-    high = best if len(set(rewards.tolist())) == 1 else _rounded(best + margin, math.ceil)
-    text = f'["return", {low!r}, {high!r}]'
-    threshold = round(((good + bad) / 2 - low) / (high - low), 2)
-    limit = low + threshold * (high - low)
-    notes = [
-        f"Score: the return, from {low:g} to {high:g}. In {EPISODES} nominal episodes the agent "
-        f"gets {ours.min():.4g} to {ours.max():.4g}, random actions {random.min():.4g} to "
-        f"{random.max():.4g}.",
-    ]
+    succeed = all({*SUCCESS_KEYS} & {*episode.infos[-1]} for episode in (*agents, *chance))
+    worth = (lambda episode: Success()(episode)[0]) if succeed else (lambda one: one.total)
+    ours, random = (np.array([worth(one) for one in some], float) for some in (agents, chance))
+    good, bad = (float((np.mean if succeed else np.median)(some)) for some in (ours, random))
+    score: str | list[Any] = "success"
+    threshold = limit = 0.5
+    if succeed:
+        notes = [
+            f'Score: "success". The agent succeeds in {good:.0%} of {EPISODES} nominal episodes, '
+            f"random actions in {bad:.0%}."
+        ]
+    else:
+        worst, best = float(min(*ours, *random)), float(max(*ours, *random))
+        margin = 0.5 * (best - worst) or 1.0
+        rewards = np.concatenate([episode.rewards for episode in (*agents, *chance)])
+        low = 0.0 if (rewards >= 0).all() else _rounded(worst - margin, 2, math.floor)
+        # rewards that never differ have a best return: that of the longest episode
+        same = len(set(rewards.tolist())) == 1 and best > low
+        high = best if same else _rounded(best + margin, 2, math.ceil)
+        score = ["return", low, high]
+        threshold = round(((good + bad) / 2 - low) / (high - low), 2)
+        limit = low + threshold * (high - low)
+        notes = [
+            f"Score: the return, from {low:g} to {high:g}. In {EPISODES} nominal episodes the "
+            f"agent gets {ours.min():.4g} to {ours.max():.4g}, random actions "
+            f"{random.min():.4g} to {random.max():.4g}.",
+            f"Threshold {threshold:g}: a return of at most {limit:.4g} counts as a failure, "
+            "halfway between the agent and random actions.",
+        ]
     if good <= bad:
-        return text, None, (*notes, _NO_BETTER)
-    notes.append(
-        f"Threshold {threshold:g}: a return of at most {limit:.4g} counts as a failure, halfway "
-        "between the agent and random actions."
-    )
-    return text, threshold, (*notes, *_doubt(float(np.mean(ours <= limit))))
+        return score, None, [notes[0], _NO_BETTER]
+    if (failing := np.mean(ours <= limit)) > 0.2:
+        notes.append(
+            f"The agent fails in {failing:.0%} of nominal episodes already: an attack says little "
+            "until it is better, or the threshold lower."
+        )
+    return score, threshold, notes
 
 
 _NO_BETTER = (
     "The agent does no better than random actions, so the file has no threshold, and no attack on "
     "it would say anything: train it longer, or check that it belongs to this environment."
 )
-
-
-def _doubt(failing: float) -> list[str]:
-    if failing <= 0.2:
-        return []
-    return [
-        f"The agent fails in {failing:.0%} of nominal episodes already: an attack says little "
-        "until it is better, or the threshold lower."
-    ]
-
-
-def _returns(episodes: Sequence[Episode]) -> Floats:
-    return np.array([episode.total for episode in episodes])
-
-
-def _rounded(value: float, towards: Callable[[float], int]) -> float:
-    """Round to two digits, down or up."""
-    step = 10.0 ** (math.floor(math.log10(abs(value))) - 1) if value else 1.0
-    return float(f"{towards(value / step) * step:.6g}")
-
-
-def _toml(
-    factory: EnvFactory,
-    agent: Sequence[str],
-    score: str,
-    threshold: float | None,
-    chosen: Sequence[_Candidate],
-    others: Sequence[_Candidate],
-    dead: Sequence[str],
-) -> str:
-    lines = [
-        "# A first guess by `sada-gym init`: look at every line before you trust a result.",
-        f"environment = {json.dumps(factory.identity)}",
-        *agent,
-        f"score = {score}",
-        "# fooling_threshold =   # choose one when the agent is better than random actions"
-        if threshold is None
-        else f"fooling_threshold = {threshold!r}",
-    ]
-    if factory.max_steps is not None:
-        lines.append(f"max_steps = {factory.max_steps}")
-    if factory.env_kwargs:
-        given = [f"{_key(key)} = {json.dumps(value)}" for key, value in factory.env_kwargs.items()]
-        lines += ["", "[env_kwargs]", *given]
-    lines += ["", "[parameters]", *map(_line, chosen)]
-    derived = {path: text for candidate in chosen for path, text in candidate.derived.items()}
-    if derived:
-        lines += ["", "[derived]  # what the constructor computed from the parameters"]
-        lines += [f"{_key(path)} = {json.dumps(text)}" for path, text in derived.items()]
-    if others:
-        lines += ["", "# Other parameters that it could have:"]
-    for candidate in others:
-        note = "  # changed nothing when it was tried" if candidate.name in dead else ""
-        lines.append(f"# {_line(candidate)}{note}")
-    return "\n".join(lines) + "\n"
-
-
-def _agent_lines(named: str, is_imported: bool) -> list[str]:
-    lines = [f"agent = {json.dumps(named)}"]
-    if is_imported:
-        lines.append(f"agent_id = {json.dumps(named)}  # change it whenever the agent changes")
-    return lines
-
-
-def _why(candidate: _Candidate, following: Container[str]) -> str:
-    """Say why a parameter is not proposed."""
-    unknown = " and ".join(path for path, text in candidate.derived.items() if not text)
-    return (
-        f"# {candidate.name} follows from others\n"
-        if candidate.name in following
-        else f"# {candidate.name} is left out: {unknown} would keep the value computed from it\n"
-    )
-
-
-def _line(candidate: _Candidate) -> str:
-    settings = {key: value for key, value in candidate.binding.settings.items() if key != "kind"}
-    kind = next(name for name, known in KINDS.items() if known is type(candidate.binding))
-    text = f"{_key(candidate.name)} = [{settings['low']}, {settings['high']}]"
-    if kind not in ("keyword", "attribute") or [*settings] != ["low", "high"]:
-        table = [f'kind = "{kind}"']
-        table += [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
-        text = f"{_key(candidate.name)} = {{ {', '.join(table)} }}"
-    return text if candidate.nominal == 0.0 else f"{text}  # now {candidate.nominal:g}"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name)
 
 
 def train_stand_in(
