@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -57,10 +56,11 @@ def load_agent_file(
         UserError: If it is no such file, for other spaces, or statistics lie beside a zip.
     """
     suffix = path.suffix.lower()
-    kind = "onnx" if suffix in ONNX else "torchscript" if suffix in TORCHSCRIPT else None
-    if kind:
-        reader: Callable[..., Any] = load(f"sada_gym.agents.{kind}:load_{kind}")
-        return reader(path, observation_space, action_space)
+    if suffix in ONNX:
+        return load("sada_gym.agents.onnx:OnnxNetwork")(path, observation_space, action_space)
+    if suffix in TORCHSCRIPT:
+        network = load("sada_gym.agents.torchscript:TorchScriptNetwork")
+        return network(path, observation_space, action_space)
     if not has_statistics:
         _check_statistics(path, environment)
     load_sb3 = load("sada_gym.agents.sb3_zip:load_sb3")

@@ -15,8 +15,12 @@ from gymnasium import spaces
 
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
 from sada_gym.errors import Notice, UserError, explained
+from sada_gym.files import read_file
 
 Array = npt.NDArray[Any]
+MAX_MODEL_BYTES = 500 * 2**20
+"""Larger files, and zips with larger parts, are refused unread."""
+
 _CHANNELS = (1, 3, 4)
 """How many numbers a pixel of a picture has."""
 
@@ -27,28 +31,38 @@ class ExportedNetwork(ABC):
     Its first output holds the actions; of choices it may hold a number for each (logits or Q
     values), of which the highest counts.
 
-    Attributes:
+    Args:
+        path: The network's file.
         observation_space: The environment's observations.
         action_space: The environment's actions.
+
+    Attributes:
+        beside: The ending of the name of a file that may lie beside it, and belongs to it.
         fixed: The rows that the network always takes; None if it takes any number.
+
+    Raises:
+        FileError: If it is no such file.
+        UserError: If the network is not for these spaces.
     """
 
+    beside: str | None = None
     fixed: int | None = None
 
     def __init__(
         self,
         path: Path,
-        content: bytes,
         observation_space: spaces.Space[Any],
         action_space: spaces.Space[Any],
     ) -> None:
-        self.path, self._content = path, content
-        self.observation_space, self.action_space = observation_space, action_space
+        self.path, self.observation_space, self.action_space = path, observation_space, action_space
+        self._contents = [read_file(path, MAX_MODEL_BYTES)]
+        if self.beside and (other := path.with_name(path.name + self.beside)).is_file():
+            self._contents.append(read_file(other, MAX_MODEL_BYTES))
         self._open()
 
     @abstractmethod
     def _open(self) -> None:
-        """Read the network from `_content`."""
+        """Read the network from `_contents`: its file, and what lay beside it, if anything."""
 
     @abstractmethod
     def _outputs(self, inputs: Batch) -> Array:
@@ -56,8 +70,8 @@ class ExportedNetwork(ABC):
 
     @property
     def weights_hash(self) -> str:
-        """SHA-256 over the file, which says all that the network does."""
-        return hashlib.sha256(self._content).hexdigest()
+        """SHA-256 over the files, which say all that the network does."""
+        return hashlib.sha256(b"".join(self._contents)).hexdigest()
 
     def predict(self, observation: Any, *, deterministic: bool) -> tuple[Array, None]:
         """Return the actions for a batch of observations, (n, ...)."""
@@ -108,8 +122,8 @@ class ExportedNetwork(ABC):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Keep the file's content instead of the network."""
-        kept = ("path", "_content", "observation_space", "action_space")
+        """Keep the files' contents instead of the network."""
+        kept = ("path", "_contents", "observation_space", "action_space")
         return {key: value for key, value in self.__dict__.items() if key in kept}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:

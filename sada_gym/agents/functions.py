@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import nullcontext
 from copy import deepcopy
@@ -17,15 +16,21 @@ from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError, UserTypeError, described, explained
 
 
-class _OneByOne(ABC):
-    """Asks for the action in one episode after another; its name is for messages."""
+class FunctionAgent:
+    """Calls a function with one observation at a time.
+
+    The function must remember nothing: episodes go on in lockstep, so that the next observation is
+    that of another episode. Its name is for messages. Unless it is `deterministic`, the global
+    generators are seeded for each call.
+    """
 
     fingerprint = None
+    _called = "The agent is called as agent(observation), with one observation."
 
-    def __init__(self, name: str, *, deterministic: bool) -> None:
-        self._name, self._deterministic = name, deterministic
+    def __init__(self, given: Callable[..., Any], name: str, *, deterministic: bool = True) -> None:
+        self._given, self._name, self._deterministic = given, name, deterministic
 
-    def start(self, count: int) -> None:  # noqa: B027 - functions remember nothing
+    def start(self, count: int) -> None:
         """Begin `count` new episodes."""
 
     def act(self, episodes: Any, which: Indices) -> Any:
@@ -51,34 +56,12 @@ class _OneByOne(ABC):
                     ) from error
         return actions
 
-    _called: str
-
-    @abstractmethod
-    def _ask(self, episodes: Any, i: int, observation: Any) -> Any:
-        """Return the action in episode i."""
-
-
-class FunctionAgent(_OneByOne):
-    """Calls a function with one observation at a time.
-
-    The function must remember nothing: episodes go on in lockstep, so that the next observation is
-    that of another episode. Its name is for messages. Unless it is `deterministic`, the global
-    generators are seeded for each call.
-    """
-
-    _called = "The agent is called as agent(observation), with one observation."
-
-    def __init__(
-        self, function: Callable[[Any], Any], name: str, *, deterministic: bool = True
-    ) -> None:
-        super().__init__(name, deterministic=deterministic)
-        self._function = function
-
     def _ask(self, episodes: Any, i: int, observation: Any) -> Any:  # noqa: ARG002
-        return self._function(observation)
+        """Return the action in episode i."""
+        return self._given(observation)
 
 
-class EpisodeAgents(_OneByOne):
+class EpisodeAgents(FunctionAgent):
     """One agent for each episode, so that it may have a memory.
 
     Args:
@@ -99,8 +82,8 @@ class EpisodeAgents(_OneByOne):
     )
 
     def __init__(self, given: Any, name: str, *, deterministic: bool = True) -> None:
-        super().__init__(name, deterministic=deterministic)
-        self._given, self._is_factory = given, is_factory(given)
+        super().__init__(given, name, deterministic=deterministic)
+        self._is_factory = is_factory(given)
         self._agents: list[Any] = []
         with generators_kept():
             made = self._make(0)
@@ -119,7 +102,10 @@ class EpisodeAgents(_OneByOne):
         return {**self.__dict__, "_agents": []}
 
     def _make(self, seed: int) -> Any:
-        with explained(f"Expected an agent for each episode from {self._name}", self._mend):
+        mend = "Pass a function without arguments that makes one."
+        if self._is_factory:
+            mend = "It is called without arguments, or with seed=."
+        with explained(f"Expected an agent for each episode from {self._name}", mend):
             if self._is_factory:
                 made = _call(self._given, seed)
             else:
@@ -127,12 +113,6 @@ class EpisodeAgents(_OneByOne):
             if callable(reset := getattr(made, "reset", None)):
                 _call(reset, seed)
         return made
-
-    @property
-    def _mend(self) -> str:
-        if self._is_factory:
-            return "It is called without arguments, or with seed=."
-        return "Pass a function without arguments that makes one."
 
     def _ask(self, episodes: Any, i: int, observation: Any) -> Any:
         agent = self._agents[i]
@@ -160,17 +140,16 @@ def is_factory(given: Any) -> bool:
         signature = inspect.signature(given)
     except (TypeError, ValueError):
         return False
-    fixed = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    parameters = [
-        parameter for parameter in signature.parameters.values() if parameter.kind not in fixed
+    starred = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    named = [
+        parameter for parameter in signature.parameters.values() if parameter.kind not in starred
     ]
-    required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}
     made_of: Any = given
     while isinstance(made_of, partial):
         made_of = made_of.func
     if isinstance(made_of, type):
-        return required <= {"seed"}
-    return not signature.parameters or [parameter.name for parameter in parameters] == ["seed"]
+        return {one.name for one in named if one.default is one.empty} <= {"seed"}
+    return not signature.parameters or [one.name for one in named] == ["seed"]
 
 
 def _call(function: Callable[..., Any], seed: int) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import nullcontext
-from copy import deepcopy
 from functools import partial
 from typing import Any, Literal
 
@@ -27,7 +26,7 @@ from sada_gym.agents.model_call import (
     is_torchs_refusal,
     mask_size,
 )
-from sada_gym.agents.tile import Batch, fits_batches, keyed, tiled
+from sada_gym.agents.tile import Batch, fits_batches, keyed, sampled, tiled
 from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError
@@ -212,11 +211,8 @@ class Policy:
 
         It finds out, too, whether the model has a memory.
         """
-        drawn = deepcopy(observation_space)
-        drawn.seed(0)
-        samples = [drawn.sample() for _ in range(POLICY_TILE)]
-        batch = {key: np.stack([sample[key] for sample in samples]) for key in observation_space}
         self.start(POLICY_TILE)
+        batch = sampled(observation_space, POLICY_TILE)
         tile = self._transformed(batch, np.arange(POLICY_TILE))
         if self._choices:
             tile[MASKS] = np.ones((POLICY_TILE, self._choices), np.bool_)

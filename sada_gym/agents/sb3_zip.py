@@ -13,8 +13,8 @@ import json
 import pickletools
 import re
 import zipfile
-import zlib
 from collections.abc import Mapping
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,13 +26,11 @@ from stable_baselines3.common import torch_layers
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch.nn.modules import activation
 
+from sada_gym.agents.exported import MAX_MODEL_BYTES
 from sada_gym.agents.sb3_spaces import network_space, validate_action_space
 from sada_gym.determinism import generators_kept
 from sada_gym.errors import FileError, MissingExtra, UserError, explained, install_line
 from sada_gym.files import as_path, read_file
-
-MAX_MODEL_BYTES = 500 * 2**20
-"""Larger files, and files with larger parts, are refused unread."""
 
 _ALGORITHMS = {
     "clip_range": "PPO",
@@ -70,7 +68,7 @@ _PICKLE_HINT = (
     "allow_pickle=True unpickle a file of your own."
 )
 _BAD_ARGUMENTS = (TypeError, ValueError, RuntimeError, AssertionError, LookupError, AttributeError)
-_DAMAGE = (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, RuntimeError, OSError)
+_MEND = "Name a file that model.save(file) wrote."
 
 
 def load_sb3(
@@ -127,21 +125,21 @@ def load_sb3(
 def _rebuilt(
     path: Path,
     data: Mapping[str, Any],
-    weights: Mapping[str, torch.Tensor],
+    weights: dict[str, torch.Tensor],
     algorithm: type[Any],
     policy_class: type[Any],
     observation_space: gym.Space[Any],
     action_space: gym.Space[Any],
 ) -> Any:
     arguments = _policy_arguments(path, data)
-    if issubclass(algorithm, OnPolicyAlgorithm) and _takes(policy_class, "use_sde"):
+    taken = inspect.signature(policy_class).parameters
+    if issubclass(algorithm, OnPolicyAlgorithm) and "use_sde" in taken:
         arguments["use_sde"] = data.get("use_sde") is True
-
+    schedule = {"lr_schedule": lambda _: 0.0} if "lr_schedule" in taken else {}
     stored = sum(part.numel() for part in weights.values())
     try:
         if not _can_hold(arguments, stored):
             raise ValueError(f"its {stored:,} weights cannot fill such layers")
-        schedule = {"lr_schedule": lambda _: 0.0} if _takes(policy_class, "lr_schedule") else {}
         policy = policy_class(observation_space, action_space, **schedule, **arguments)
     except _BAD_ARGUMENTS as error:
         raise UserError(
@@ -150,15 +148,18 @@ def _rebuilt(
             f"({error}). Name an agent that was trained on this environment. {_PICKLE_HINT}"
         ) from error
     shapes = {name: tuple(part.shape) for name, part in policy.state_dict().items()}
-    weights = _with_shared_extractors(weights, shapes)
+    for name in shapes.keys() - weights.keys():  # files of SB3 before 1.7 name a shared part once
+        shared = re.sub(r"^(pi|vf)_features_extractor\.", "features_extractor.", name)
+        if shared in weights:
+            weights[name] = weights[shared]
+    stored_shapes = {name: tuple(part.shape) for name, part in weights.items()}
     for name in sorted({*shapes, *weights}):
-        shape = tuple(weights[name].shape) if name in weights else "none"
-        if shape != shapes.get(name):
+        if stored_shapes.get(name) != shapes.get(name):
             raise UserError(
                 f"Expected an agent for observations {observation_space} and actions "
                 f"{action_space} in {path}, whose {name} has the shape "
-                f"{shapes.get(name, 'none')}, got {shape}. Name an agent that was trained on this "
-                "environment."
+                f"{shapes.get(name, 'none')}, got {stored_shapes.get(name, 'none')}. Name an agent "
+                "that was trained on this environment."
             )
     policy.load_state_dict(weights)
     policy.set_training_mode(False)
@@ -169,69 +170,50 @@ def _rebuilt(
     return model
 
 
-def _takes(policy_class: type[Any], keyword: str) -> bool:
-    return keyword in inspect.signature(policy_class).parameters
-
-
 def _read_data(path: Path, content: bytes) -> dict[str, Any]:
     """Read the JSON of an SB3 file, in which pickles are strings that stay strings."""
     text = _member(path, content, "data")
-    cause: Exception | None = None
-    try:
-        data = json.loads(text)
-        if isinstance(data, dict) and "policy_class" in data:
-            return data
-    except (ValueError, RecursionError) as error:
-        cause = error
-    raise FileError(
-        f"Expected a JSON object with a policy_class as data in {path}, got something else. Name "
-        "a file that model.save(file) wrote."
-    ) from cause
+    expected = f"Expected a JSON object with a policy_class as data in {path}"
+    with explained(expected, _MEND, FileError):
+        data: dict[str, Any] = json.loads(text)
+        if not isinstance(data, dict) or "policy_class" not in data:
+            raise ValueError("something else")
+        return data
 
 
 def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
     pth = _member(path, content, "policy.pth")
-    cause: Exception | None = None
-    try:
+    most = f"at most {MAX_MODEL_BYTES >> 20} MiB"
+    expected = f"Expected tensors alone as policy.pth in {path}, {most}"
+    with explained(expected, "Save the model again.", FileError):
         with zipfile.ZipFile(io.BytesIO(pth)) as archive:
-            large = sum(part.file_size for part in archive.infolist()) > MAX_MODEL_BYTES
-        weights = None if large else torch.load(io.BytesIO(pth), "cpu", weights_only=True)
-        if isinstance(weights, dict) and all(
-            isinstance(name, str) and isinstance(value, torch.Tensor)
-            for name, value in weights.items()
-        ):
-            return dict(weights)
-    except Exception as error:  # a crafted pickle stops torch's reader with any of them
-        cause = error
-    raise FileError(
-        f"Expected tensors alone as policy.pth in {path}, at most {MAX_MODEL_BYTES >> 20} MiB, got "
-        "something else, or it is damaged. Save the model again."
-    ) from cause
+            if sum(part.file_size for part in archive.infolist()) > MAX_MODEL_BYTES:
+                raise ValueError("more")
+        weights = torch.load(io.BytesIO(pth), "cpu", weights_only=True)
+        for name, value in weights.items():
+            if not isinstance(name, str) or not isinstance(value, torch.Tensor):
+                raise TypeError(f"{name!r} of {type(value).__name__}")
+        return dict(weights)
 
 
 def _member(path: Path, content: bytes, name: str) -> bytes:
     """Read one part of a zip file, unless it claims to be too large."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            parts = archive.namelist()
-            known = "data" in parts and name in parts
-            size = archive.getinfo(name).file_size if known else 0
-            if known and size <= MAX_MODEL_BYTES:
-                return archive.read(name)
-    except _DAMAGE as error:
-        raise FileError(
-            f"Expected a zip file that SB3 wrote in {path}, got something else, or it is damaged "
-            f"({error}). Name a file that model.save(file) wrote."
-        ) from error
-    if known:
-        raise FileError(
-            f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "
-            f"{size >> 20:,} MiB. Save the model without what it needs for training only."
-        )
-    raise FileError(
-        f"Expected a zip file that SB3 wrote in {path}, with {name} in it, got "
-        f"{', '.join(parts[:5]) or 'an empty one'}. Name a file that model.save(file) wrote."
-    )
+    expected = f"Expected a zip file that SB3 wrote in {path}"
+    with (
+        explained(f"{expected}, not damaged", _MEND, FileError),
+        zipfile.ZipFile(io.BytesIO(content)) as archive,
+    ):
+        parts = {part.filename: part.file_size for part in archive.infolist()}
+        for wanted in ("data", name):
+            if wanted not in parts:
+                listed = ", ".join([*parts][:5]) or "an empty one"
+                raise FileError(f"{expected}, with {wanted} in it, got {listed}. {_MEND}")
+        if parts[name] > MAX_MODEL_BYTES:
+            raise FileError(
+                f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "
+                f"{parts[name] >> 20:,} MiB. Save the model without what only training needs."
+            )
+        return archive.read(name)
 
 
 def _referenced_class(entry: Any) -> str | None:
@@ -251,33 +233,27 @@ def _referenced_class(entry: Any) -> str | None:
 
 
 def _algorithm(path: Path, data: Mapping[str, Any], policy_class: str | None) -> type[Any]:
-    of_contrib = (
-        name for start, name in _CONTRIB.items() if (policy_class or "").startswith(start)
-    )
-    contrib = "TRPO" if "cg_max_steps" in data else next(of_contrib, None)
-    if contrib is not None:
-        return _of_contrib(path, contrib)
-    name = next((name for key, name in _ALGORITHMS.items() if key in data), None)
-    if name is None:
+    known_by = _CONTRIB.items()
+    names = [name for start, name in known_by if (policy_class or "").startswith(start)]
+    names = ["TRPO"] if "cg_max_steps" in data else names
+    library: Any = stable_baselines3
+    if names:
+        try:
+            library = import_module("sb3_contrib")
+        except ImportError as error:
+            raise MissingExtra(
+                f"Expected sb3-contrib to be installed, for {path} holds a model of its "
+                f"{names[0]}. {install_line('contrib')}"
+            ) from error
+    names += [name for key, name in _ALGORITHMS.items() if key in data]
+    if not names:
         raise UserError(
             f"Expected a model of PPO, A2C, DQN, SAC, TD3, DDPG or one of sb3-contrib's in {path}, "
             "got one of another algorithm. Load it yourself and pass the model, such as "
             "agent=Mine.load(file)."
         )
-    kind: type[Any] = getattr(stable_baselines3, name)
-    return kind
-
-
-def _of_contrib(path: Path, name: str) -> type[Any]:
-    try:
-        import sb3_contrib
-    except ImportError as error:
-        raise MissingExtra(
-            f"Expected sb3-contrib to be installed, for {path} holds a model of its {name}. "
-            f"{install_line('contrib')}"
-        ) from error
-    kind: type[Any] = getattr(sb3_contrib, name)
-    return kind
+    algorithm: type[Any] = getattr(library, names[0])
+    return algorithm
 
 
 def _policy_arguments(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -320,15 +296,3 @@ def _needs_pickle(path: Path, expected: str, got: str) -> UserError:
         f"Expected {expected} in {path}, got {got}, which cannot be known without unpickling. "
         f"{_PICKLE_HINT}"
     )
-
-
-def _with_shared_extractors(
-    weights: Mapping[str, torch.Tensor], shapes: Mapping[str, tuple[int, ...]]
-) -> dict[str, torch.Tensor]:
-    """Add the other names of a shared extractor, which files of SB3 before 1.7 lack."""
-    complete = dict(weights)
-    for name in shapes:
-        shared = re.sub(r"^(pi|vf)_features_extractor\.", "features_extractor.", name)
-        if name not in complete and shared in complete:
-            complete[name] = complete[shared]
-    return complete

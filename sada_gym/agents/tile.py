@@ -6,6 +6,7 @@ A batch of another size would give other last bits, and a closed loop makes anot
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from typing import Any, TypeVar
 
 import numpy as np
@@ -33,6 +34,13 @@ def fits_batches(space: Any) -> bool:
     kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
     parts = space.values() if isinstance(space, spaces.Dict) else [space]
     return all(isinstance(part, kinds) for part in parts)
+
+
+def sampled(space: spaces.Dict, count: int) -> Batch:
+    """Draw observations, always the same, to try out an agent."""
+    drawn = deepcopy(space)
+    drawn.seed(0)
+    return as_batch([drawn.sample() for _ in range(count)], drawn)
 
 
 def as_batch(observations: Sequence[Any], space: spaces.Space[Any]) -> Batch:

@@ -3,46 +3,27 @@
 from __future__ import annotations
 
 import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 
 from sada_gym.agents.exported import Array, ExportedNetwork, input_names
-from sada_gym.agents.sb3_zip import MAX_MODEL_BYTES
 from sada_gym.agents.tile import Batch
 from sada_gym.errors import FileError, explained
-from sada_gym.files import read_file
-
-
-def load_torchscript(
-    path: Path, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
-) -> TorchScriptNetwork:
-    """Load a TorchScript file as an agent: a program in torch's own language, so trust it.
-
-    Args:
-        path: The file that `torch.jit.script(module).save(path)` or `torch.jit.trace` wrote.
-        observation_space: The environment's observations. A dictionary is given as keywords.
-        action_space: The environment's actions.
-
-    Raises:
-        FileError: If it is no such file.
-        UserError: If the network is not for these spaces.
-    """
-    content = read_file(path, MAX_MODEL_BYTES)
-    return TorchScriptNetwork(path, content, observation_space, action_space)
 
 
 class TorchScriptNetwork(ExportedNetwork):
-    """A network of a TorchScript file."""
+    """A network of a file that `torch.jit.script(module).save(path)` or `torch.jit.trace` wrote.
+
+    It is a program in torch's own language, so trust it. A dictionary is given as keywords.
+    """
 
     def _open(self) -> None:
         mend = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
         with explained(f"Expected a TorchScript module in {self.path}", mend, FileError):
             load: Any = torch.jit.load
-            self._module = load(io.BytesIO(self._content), map_location="cpu")
+            self._module = load(io.BytesIO(self._contents[0]), map_location="cpu")
         self._module.eval()
         names = [argument.name for argument in self._module.forward.schema.arguments][1:]
         self._keys = input_names(self.observation_space, names, self.path)

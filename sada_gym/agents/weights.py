@@ -60,18 +60,15 @@ def load_weights(
             built = "one that does not say how it is built" if header is None else header
             raise file.error(f", built as {expected}, got {built}")
     wanted = _weights(module)
-    for name, value in wanted.items():
-        shape = tuple(value.shape)
-        if name not in weights:
-            raise file.error(f": {name} of shape {shape}, got no {name}")
-        if weights[name].shape != value.shape:
-            got = tuple(weights[name].shape)
-            raise file.error(f": {name} of shape {shape}, got {got}")
+    shapes, given = ({k: tuple(v.shape) for k, v in part.items()} for part in (wanted, weights))
+    for name in {**shapes, **given}:
+        if name not in shapes:
+            raise file.error(f", without {name}, got one")
+        if given.get(name) != shapes[name]:
+            got = given.get(name, f"no {name}")
+            raise file.error(f": {name} of shape {shapes[name]}, got {got}")
         if not torch.isfinite(weights[name]).all():
             raise file.error(f", all of them finite, got NaN or infinity in {name}")
-    extra = sorted(weights.keys() - wanted.keys())
-    if extra:
-        raise file.error(f", without {extra[0]}, got one")
     with torch.no_grad():
         for name, value in wanted.items():
             value.copy_(weights[name])

@@ -5,7 +5,7 @@ import pytest
 from gymnasium import spaces
 
 from sada_gym.agents.exported import takes_channels_first
-from sada_gym.agents.onnx import load_onnx
+from sada_gym.agents.onnx import OnnxNetwork
 from sada_gym.errors import Notice
 
 FILE = Path("net.onnx")
@@ -64,7 +64,7 @@ def test_an_onnx_network_of_pictures_of_any_size_sees_the_channels_in_front(size
     )
     opset = [helper.make_opsetid("", 17)]
     onnx.save(helper.make_model(graph, opset_imports=opset, ir_version=9), tmp_path / FILE)
-    network = load_onnx(tmp_path / FILE, picture(8, 6, 3), spaces.Discrete(3))
+    network = OnnxNetwork(tmp_path / FILE, picture(8, 6, 3), spaces.Discrete(3))
     brightest = np.array([2, 0, 1])
     seen = np.eye(3, dtype=np.uint8)[brightest][:, None, None].repeat(8, 1).repeat(6, 2)
     actions, _ = network.predict(seen, deterministic=True)

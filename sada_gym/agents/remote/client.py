@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from copy import deepcopy
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -25,7 +24,7 @@ from sada_gym.agents.remote.messages import (
 )
 from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
 from sada_gym.agents.remote.spaces import Array, describe
-from sada_gym.agents.tile import Batch, fits_batches, keyed
+from sada_gym.agents.tile import Batch, fits_batches, keyed, sampled
 from sada_gym.errors import AgentLost, UserError
 from sada_gym.files import shown
 
@@ -115,26 +114,26 @@ class RemoteAgent:
 
     def close(self) -> None:
         """Close the connection, and end the program; the next question opens them again."""
+        self._ended()
+
+    def _ended(self) -> str:
+        """Close the connection, and return the last that its program printed."""
         link, self._link = self._link, None
-        if link is not None:
-            link.close()
+        return "" if link is None else link.close()
 
     def _asked(self, arrays: Batch, which: Indices) -> Array:
         arrays = {**arrays, "episodes": which.astype(np.int64)}
-        rows, answers = self._rows, []
-        if not rows:
-            row_bytes = sum(value.nbytes for value in arrays.values()) // len(which)
-            rows = min(len(which), MAX_ARRAY_BYTES // row_bytes)
-        if rows == len(which):
-            return self._asked_at_once(arrays)
+        row_bytes = sum(value.nbytes for value in arrays.values()) // len(which)
+        rows, answers = self._rows or min(len(which), MAX_ARRAY_BYTES // row_bytes), []
         for first in range(0, len(which), rows):
             part = {key: value[first : first + rows] for key, value in arrays.items()}
             real = len(part["episodes"])
-            if self._rows:
-                part = {key: _filled(value, rows) for key, value in part.items()}
+            if real < self._rows:
+                copied = [*range(real), *[0] * (rows - real)]
+                part = {key: value[copied] for key, value in part.items()}
                 part["episodes"][real:] = -1
             answers.append(self._asked_at_once(part)[:real])
-        return np.concatenate(answers) if len(answers) > 1 else answers[0]
+        return np.concatenate(answers)
 
     def _asked_at_once(self, arrays: Batch) -> Array:
         header = Act(number=self._number + 1, start=self._first, count=self._count)
@@ -202,21 +201,15 @@ class RemoteAgent:
 
     def _lose(self, got: str) -> NoReturn:
         """Close the connection, and raise `AgentLost`."""
-        link, self._link = self._link, None
-        last = "" if link is None else printed(link.close())
         raise AgentLost(
-            f"Expected answers from the agent in {self.place}, got {got}{last}. Mend or restart "
-            "it; a run with --resume then goes on."
+            f"Expected answers from the agent in {self.place}, got {got}{printed(self._ended())}. "
+            "Mend or restart it; a run with --resume then goes on."
         )
 
     def _same_in_every_place(self) -> bool:
         """Whether each of a message's observations keeps its action when they are reversed."""
-        parts = deepcopy(keyed(self._interface.observation_space))
-        parts.seed(0)
-        drawn = [parts.sample() for _ in range(self._rows)]
-        tile = {
-            array_name(key): np.stack([observation[key] for observation in drawn]) for key in parts
-        }
+        drawn = sampled(keyed(self._interface.observation_space), self._rows)
+        tile = {array_name(key): value for key, value in drawn.items()}
         if self._welcome.action_masks:
             from sada_gym.agents.model_call import mask_size
 
@@ -230,9 +223,3 @@ class RemoteAgent:
             turned = {key: value[::step] for key, value in tile.items()}
             answers.append(self._asked(turned, which)[::step])
         return np.array_equal(answers[0], answers[1], equal_nan=True)
-
-
-def _filled(value: Array, rows: int) -> Array:
-    if len(value) == rows:
-        return value
-    return np.concatenate([value, np.repeat(value[:1], rows - len(value), axis=0)])

@@ -258,7 +258,6 @@ class _Session:
     ) -> None:
         self._agent, self._interface, self._count = agent, interface, 0
         self._arrays: Mapping[str, Array] = {}
-        self._which: Indices = np.empty(0, np.intp)
         self._rows: dict[int, int] = {}
         self._seeds: dict[int, int] = {}
         parts = keyed(interface.observation_space)
@@ -287,8 +286,7 @@ class _Session:
         if header.start:
             self._count, self._seeds = header.count, {}
             self._agent.start(header.count)
-        self._arrays, self._which = arrays, arrays["episodes"].astype(np.intp)
-        episodes = self._which.tolist()
+        self._arrays, episodes = arrays, arrays["episodes"].tolist()
         self._rows = {episode: row for row, episode in enumerate(episodes)}
         if (
             len(self._rows) < max(1, len(episodes))
@@ -300,23 +298,24 @@ class _Session:
             )
         if "episode_seeds" in arrays:
             self._seeds.update(zip(episodes, arrays["episode_seeds"].tolist(), strict=True))
-        return _sendable(self._agent.act(self, self._which), len(episodes), self._interface)
+        actions = self._agent.act(self, np.array(episodes, np.intp))
+        return _sendable(actions, len(episodes), self._interface)
+
+    def _rows_of(self, name: str, which: Indices) -> Array:
+        return self._arrays[name][[self._rows[i] for i in which.tolist()]]
 
     def observe(self, which: Indices) -> Batch:
-        if which is self._which:
-            return {key: self._arrays[name] for key, name in self._names.items()}
-        rows = [self._rows[i] for i in which.tolist()]
-        return {key: self._arrays[name][rows] for key, name in self._names.items()}
+        return {key: self._rows_of(name, which) for key, name in self._names.items()}
 
     def observation(self, i: int) -> Any:
         parts = {key: self._arrays[name][self._rows[i]] for key, name in self._names.items()}
         return parts.get(ALONE, parts)
 
     def action_masks(self, which: Indices) -> Array:
-        return self._arrays["action_masks"][[self._rows[i] for i in which.tolist()]]
+        return self._rows_of("action_masks", which)
 
     def agent_seeds(self, which: Indices) -> Array:
-        return self._arrays["seeds"][[self._rows[i] for i in which.tolist()]]
+        return self._rows_of("seeds", which)
 
     def agent_seed(self, i: int) -> int:
         if i not in self._seeds:
