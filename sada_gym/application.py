@@ -274,6 +274,10 @@ class Application(ABC):
         for row, seed in zip(self.parameters.validate(mu), seeds, strict=True):
             yield self.render(row, seed)
 
+    def film_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames for a film, where they may show more than the agent sees."""
+        return self.render_batch(mu, seeds)
+
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the agent sees first in the world of mu, shape (d,), without annotations.
 

@@ -111,8 +111,6 @@ class ApplicationCard:
             before its ids work, empty where all are there; empty where none are needed.
         repeatable: Whether a score repeats to the last bit. Others never take part in the
             benchmark and on the leaderboard.
-        clip: `module:function` that plays a world again as a clip, see `sada_gym.clips`;
-            empty where the frames of `replay` are enough.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
             name, such as `Car`.
         same_as: The suffix of the track that the general id is by default; None where it is none.
@@ -134,7 +132,6 @@ class ApplicationCard:
     application: str
     requirements: str = ""
     repeatable: bool = True
-    clip: str = ""
     version: int = 0
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     same_as: str | None = None

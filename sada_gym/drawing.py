@@ -143,6 +143,12 @@ def cross(
             draw.line([(x - arm, y - up), (x + arm, y + up)], fill=ink, width=width)
 
 
+def ring(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float) -> None:
+    """Mark a place by a red ring with a white rim, and leave what is there to be seen."""
+    draw.circle((x, y), radius + 2, outline="white", width=8)
+    draw.circle((x, y), radius, outline=VERMILLION, width=4)
+
+
 def dashed_box(
     draw: ImageDraw.ImageDraw,
     box: Sequence[float],
@@ -221,6 +227,13 @@ def beside(left: Image.Image, right: Image.Image) -> Image.Image:
     pair.paste(left, (0, 0))
     pair.paste(right, (left.width, 0))
     return pair
+
+
+def inset(picture: Image.Image, small: Image.Image) -> None:
+    """Put a small picture, with a white frame, into the upper right corner of another."""
+    draw = ImageDraw.Draw(small)
+    draw.rectangle((0, 0, small.width - 1, small.height - 1), outline="white", width=2)
+    picture.paste(small, (picture.width - small.width - 8, 8))
 
 
 def stacked(parts: Sequence[Image.Image]) -> Frame:

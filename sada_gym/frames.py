@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -50,6 +52,22 @@ class LegendEntry(NamedTuple):
     text: str
     colour: str = INK
     mark: Mark = "note"
+
+
+@dataclass(frozen=True)
+class Take:
+    """One episode, played again, as a film shows it.
+
+    Attributes:
+        count: How many pictures it has, `Application.render_fps` a second.
+        draw: Draws one of them, by its number, and says in a line what it shows.
+        ending: How it ends, such as `hit the frame of gate 4`; `failed` says whether the agent did.
+    """
+
+    count: int
+    draw: Callable[[int], tuple[Frame, str]]
+    ending: str
+    failed: bool
 
 
 def as_frame(given: Any, source: str) -> Frame:

@@ -11,12 +11,10 @@ from sada_gym.clips.shots import Shot
 from sada_gym.drawing import INK_RGB, font, resized_into, stacked
 from sada_gym.frames import Colour, Frame
 
-WIDTH = 480
+WIDTH = 640
 """The width of a video in pixels."""
 MAX_HEIGHT = 400
 """Pictures are not drawn higher than this."""
-INSET = 124
-"""The side of a map in a picture's corner."""
 HOLD_S = 1.5
 """The time for which an ending stands."""
 
@@ -37,7 +35,7 @@ def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
         fitted = fit(picture)
         yield stacked([fitted, _bar(note, shot.world)]), 1.0 / shot.fps
         if i == len(shot.pictures) - 1:
-            colour = FAILED if shot.ending.failed else DONE
+            colour = FAILED if shot.failed else DONE
             ImageDraw.Draw(fitted).rectangle(
                 (0, 0, fitted.width - 1, fitted.height - 1), outline=colour, width=_EDGE
             )
@@ -52,24 +50,6 @@ def fit(picture: Image.Image) -> Image.Image:
     return ground
 
 
-def add_inset(picture: Image.Image, drawn: Image.Image, way: Image.Resampling) -> None:
-    """Put a map, drawn larger, into a picture's upper right corner, with a white frame."""
-    small = drawn.resize((INSET, INSET), way)
-    ImageDraw.Draw(small).rectangle((0, 0, INSET - 1, INSET - 1), outline=PAPER, width=2)
-    picture.paste(small, (WIDTH - INSET - 8, 8))
-
-
-def cross(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
-    """Mark a place where something failed: an orange cross with a white rim."""
-    drawing.cross(draw, (x, y), size, FAILED, (max(2, round(size)), max(2, round(size / 2))))
-
-
-def ring(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float) -> None:
-    """Mark a place by an orange ring with a white rim, and leave what is there to be seen."""
-    draw.circle((x, y), radius + 2, outline=PAPER, width=8)
-    draw.circle((x, y), radius, outline=FAILED, width=4)
-
-
 def _bar(note: str, world: str) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), INK)
     draw = ImageDraw.Draw(bar)
@@ -82,12 +62,12 @@ def _ending_bar(shot: Shot, last_line: str, colour: Colour) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), colour)
     draw = ImageDraw.Draw(bar)
     x, y, width = _LEFT + _MARK, _FIRST, 3
-    if shot.ending.failed:
+    if shot.failed:
         drawing.cross(draw, (x, y), _MARK, PAPER, (width, width))
     else:
         tick = [(x - _MARK, y), (x - _MARK / 3, y + _MARK * 0.8), (x + _MARK, y - _MARK)]
         draw.line(tick, fill=PAPER, width=width, joint="curve")
-    _write(draw, _LEFT + 3 * _MARK, _FIRST, shot.ending.text, 17, PAPER, bold=True)
+    _write(draw, _LEFT + 3 * _MARK, _FIRST, shot.ending, 17, PAPER, bold=True)
     _write(draw, _LEFT, _SECOND, last_line, 12, PAPER)
     return bar
 

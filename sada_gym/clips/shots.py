@@ -1,17 +1,15 @@
-"""What a clip is made of: shots, each a part of an episode with the words below it."""
+"""What a film is made of: shots, each a part of an episode with the words below it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application
-from sada_gym.arrays import Floats
 from sada_gym.evaluations import fools
 from sada_gym.files import shown
 from sada_gym.parameters import Mu
@@ -25,28 +23,24 @@ SHORTEST_S = 2.0
 """A shorter episode is shown in slow motion."""
 MIN_FPS = 1.0
 """An episode of fewer frames a second is shown in time lapse."""
-
-
-@dataclass(frozen=True)
-class ShotEnding:
-    """How a shot ends: in a few words, such as `hit the frame of gate 4`."""
-
-    text: str
-    failed: bool
+MANY = 30
+"""More parameters than this are not named one by one."""
 
 
 @dataclass(frozen=True)
 class Shot:
     """A part of an episode, or of the way to a world: pictures of one size, so many a second.
 
-    A line of `notes` stands below each; `world` says in a line what the adversary chose.
+    A line of `notes` stands below each; `world` says in a line what the adversary chose, and
+    `ending` in a few words how it ends, such as `hit the frame of gate 4`.
     """
 
     pictures: Sequence[Image.Image]
     fps: float
     notes: Sequence[str]
     world: str
-    ending: ShotEnding
+    ending: str
+    failed: bool
 
 
 @dataclass(frozen=True)
@@ -66,11 +60,11 @@ def path_to(mu: Mu, seconds: float) -> Mu:
     return path
 
 
-def scored_ending(score: float, threshold: float, reason: object = None) -> ShotEnding:
+def scored_ending(score: float, threshold: float, reason: object = None) -> str:
     """Return an ending in the application's own words, else by the score."""
     fooled = fools(score, threshold)
     text = shown(reason) if isinstance(reason, str) else None
-    return ShotEnding(text or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
+    return text or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled"
 
 
 def pace(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
@@ -97,28 +91,11 @@ def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], 
     return chosen, seconds / len(chosen)
 
 
-def clip_failures(
-    score: Floats,
-    failed: npt.NDArray[np.bool_],
-    seconds: float,
-    make_shot: Callable[[int, float], Shot],
-) -> Clip:
-    """Cut a sample's episodes, of these scores, to a clip of those that failed.
-
-    `make_shot` makes the shot of an episode from its number and the seconds that it gets.
-    """
-    chosen, each_s = share_time(np.flatnonzero(failed).tolist(), seconds)
-    return Clip([make_shot(i, each_s) for i in chosen], float(np.mean(score)))
-
-
 def describe_world(application: Application, mu: Mu, count: int = 3) -> str:
     """Name the parameters that are farthest from the middle of their ranges, with their values."""
+    if len(mu) > MANY:
+        return f"{len(mu)} parameters"
     parameters = application.parameters.parameters
     values = application.parameters.physical(mu).tolist()
     farthest = sorted(range(len(mu)), key=lambda i: -abs(float(mu[i])))[:count]
     return ", ".join(parameters[i].text(values[i]) for i in sorted(farthest))
-
-
-def steps_before(last: int, count: float) -> range:
-    """Return the steps that end at `last`, and at most so many before it."""
-    return range(max(0, last - max(1, round(count))), last + 1)

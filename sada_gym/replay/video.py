@@ -11,7 +11,7 @@ import numpy as np
 
 from sada_gym.application import Application, isolated_rng
 from sada_gym.clips.captions import captioned
-from sada_gym.clips.make import find_clip
+from sada_gym.clips.make import make_clip
 from sada_gym.clips.shots import Clip
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations, fools
@@ -133,7 +133,7 @@ def replay(
                     score=clip.score,
                     stored=float(samples.score[row]),
                     fooled=fools(clip.score, threshold),
-                    endings=tuple(shot.ending.text for shot in clip.shots),
+                    endings=tuple(shot.ending for shot in clip.shots),
                 )
             )
             last_line = f"sample {row}: Q = {clip.score:.2f}; fooled where Q ≤ {threshold:g}"
@@ -186,7 +186,7 @@ def _play(
     mu, threshold = samples.mu[row], application.fooling_threshold
     try:
         with isolated_rng(application):
-            clip = find_clip(application)(application, mu, int(samples.seed[row]), seconds)
+            clip = make_clip(application, mu, int(samples.seed[row]), seconds)
     except NotImplementedError as error:
         raise UserError(
             f"Expected an application that draws pictures, got {application.name}: {error}"

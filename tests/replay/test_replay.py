@@ -22,10 +22,10 @@ from sada_gym import (
 )
 from sada_gym.attack import attack
 from sada_gym.clips.captions import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
-from sada_gym.clips.make import find_clip, replayed_clip
+from sada_gym.clips.make import make_clip
 from sada_gym.clips.shots import describe_world, pace, path_to, scored_ending, share_time
 from sada_gym.envs.episodes.rollout import Rollout
-from sada_gym.envs.uav.clip import _ending
+from sada_gym.envs.uav.behaviour import ending as race_ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.errors import FileError, Notice, UserError
@@ -217,9 +217,9 @@ def test_a_bad_replay_is_refused(tmp_path, given, message):
 
 
 def test_an_ending_is_one_line():
-    assert scored_ending(0.2, 0.5, "hit a wall").text == "hit a wall"
-    assert scored_ending(0.2, 0.5, "").text == "Q = 0.20: fooled"
-    assert scored_ending(0.2, 0.5, "hit\x1b[31m\na wall").text == r"hit\x1b[31m\na wall"
+    assert scored_ending(0.2, 0.5, "hit a wall") == "hit a wall"
+    assert scored_ending(0.2, 0.5, "") == "Q = 0.20: fooled"
+    assert scored_ending(0.2, 0.5, "hit\x1b[31m\na wall") == r"hit\x1b[31m\na wall"
 
 
 class Drawing(gym.Env):
@@ -366,14 +366,45 @@ def test_frames_may_differ_in_size_and_come_one_by_one(tmp_path):
     assert len({frame.shape for frame in video.frames}) == 1
 
 
-def test_an_own_replay_goes_before_ours():
-    class Mine(type(make_application("SADA-Digits-v0"))):
-        def replay(self, mu, seed):
-            return super().replay(mu, seed)
+def test_an_own_replay_goes_before_our_takes():
+    """Of six steps; a film of an episode that is this short has all of them."""
 
-    assert find_clip(Mine()) is replayed_clip
-    assert find_clip(make_application("SADA-Digits-v0")) is not replayed_clip
-    assert find_clip(Counting()) is replayed_clip
+    def make(kind):
+        return kind(
+            lambda size=1.0, render_mode=None: Drawing(
+                lambda step: np.full((9, 9, 3), 40 * step, np.uint8), size, render_mode
+            ),
+            agent=lambda observation: 0,
+            agent_id="still",
+            parameters={"size": (0.0, 1.0)},
+            score=("return", 0.0, 5.0),
+            fooling_threshold=0.5,
+            max_steps=9,
+        )
+
+    class Mine(GymnasiumApplication):
+        def replay(self, mu, seed):
+            frames, score = super().replay(mu, seed)
+            return frames[:3], score
+
+    mu = np.zeros(1, np.float32)
+    for kind, count, note in (
+        (GymnasiumApplication, 6, "step 0  ·  return 0  ·  slow motion"),
+        (Mine, 3, "0.0 s  ·  slow motion"),
+    ):
+        (shot,) = make_clip(make(kind), mu, 0, 5.0).shots
+        assert len(shot.pictures) == count
+        assert shot.notes[0] == note
+
+
+def test_a_film_of_a_single_image_draws_q_beside_it():
+    clip = make_clip(make_application("SADA-Analytic-v0"), np.full(2, 0.5, np.float32), 0, 2.0)
+    (shot,) = clip.shots
+    assert {picture.width for picture in shot.pictures} == {WIDTH}
+    assert shot.notes[-1] == f"Q = {clip.score:.2f}"
+    charts = [np.asarray(picture)[:, WIDTH - 200 :] for picture in shot.pictures]
+    inked = [(chart == (31, 41, 51)).all(axis=-1).sum() for chart in charts]
+    assert inked[0] < inked[5] < inked[-1]
 
 
 def test_the_way_to_a_world_ends_there_exactly():
@@ -423,9 +454,12 @@ def test_pictures_of_any_size_fit(size):
 )
 def test_a_race_says_how_a_gate_was_missed(code, at, text):
     gates = np.array([[0.0, 0.0, 2.0, 0.0], [10.0, 0.0, 2.0, 0.0]])
-    endings = np.array([[GateOutcome.PASSED, code]])
-    rollout = Rollout(RacingStart(gates, (0, 0, 2, 0)), {"endings": endings}, 0.5)
-    assert _ending(rollout, 1, np.array(at), 3.0).text == text
+    endings = np.array([[GateOutcome.PASSED, GateOutcome.AHEAD], [GateOutcome.PASSED, code]])
+    ended_at = np.zeros((2, 2, 3))
+    ended_at[1, 1] = at
+    snapshots = {"endings": endings, "ended_at": ended_at}
+    rollout = Rollout(RacingStart(gates, (0, 0, 2, 0)), snapshots, 0.5)
+    assert race_ending(rollout) == (text, 1)
 
 
 TRACKS = family(

@@ -17,7 +17,7 @@ from sada_gym.behaviour import Behaviour
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.behaviour import behaviour
 from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
-from sada_gym.envs.detection.frame import annotate, legend
+from sada_gym.envs.detection.frame import SIDE, annotate, legend
 from sada_gym.envs.detection.parameter_sets import (
     COLOUR,
     DEFAULT_PARAMETERS,
@@ -276,6 +276,17 @@ class DetectionApplication(Application):
         scenes = self._scenes(batch, validate_seeds(seeds, len(batch)))
         for rendering, detections in self._detected(scenes):
             yield annotate(rendering, detections, self.class_names, self.label)
+
+    def film_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw them in more detail than the detector sees, if the renderer has `any_size`."""
+        if not self.renderer.any_size:
+            yield from self.render_batch(mu, seeds)
+            return
+        batch = self.parameters.validate(mu)
+        scenes = self._scenes(batch, validate_seeds(seeds, len(batch)))
+        finer = self.renderer.render_batch(scenes, SIDE)
+        for (rendering, detections), large in zip(self._detected(scenes), finer, strict=True):
+            yield annotate(rendering, detections, self.class_names, self.label, large.image)
 
     @property
     def class_names(self) -> dict[int, str]:

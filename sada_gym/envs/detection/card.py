@@ -23,7 +23,6 @@ CARD = ApplicationCard(
     summary="The adversary places the camera and the light and paints the object, until the "
     "detector no longer finds it.",
     application="sada_gym.envs.detection.application:DetectionApplication",
-    clip="sada_gym.envs.detection.clip:clip",
     tracks={suffix: {"object_class": suffix.lower()} for suffix in _SUFFIXES},
     same_as="Car",
     agents=(

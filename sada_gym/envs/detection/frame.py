@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from sada_gym.drawing import dashed, dashed_box, font
 from sada_gym.envs.detection.detector import Detections
 from sada_gym.envs.detection.renderers import Rendering
-from sada_gym.frames import ORANGE, SKY, LegendEntry, rgb
+from sada_gym.frames import ORANGE, SKY, Frame, LegendEntry, rgb
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""
@@ -43,14 +43,17 @@ def annotate(
     detections: Detections,
     names: Mapping[int, str],
     target: int,
+    finer: Frame | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Draw the true box, and the best detections of the class and of others, see `legend`.
 
-    `names` are those of the labels; `target` is the label that counts.
+    `names` are those of the labels; `target` is the label that counts; `finer` is a larger picture
+    of the same scene, if there is one.
     """
     scale = -(-SIDE // len(rendering.image))
     side = scale * len(rendering.image)
-    picture = Image.fromarray(rendering.image).resize((side, side), Image.Resampling.BICUBIC)
+    seen = rendering.image if finer is None else finer
+    picture = Image.fromarray(seen).resize((side, side), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(picture)
     y, line = side // 64, side // 13
     is_target, clear = detections["labels"] == target, detections["scores"] >= FLOOR

@@ -17,7 +17,6 @@ CARD = ApplicationCard(
     "detector that was trained on photographs no longer finds it.",
     application="sada_gym.envs.detection_coco.application:CocoDetectionApplication",
     requirements="sada_gym.envs.detection_coco.application:missing",
-    clip="sada_gym.envs.detection.clip:clip",
     # `studies.coco_classes` chose classes and models by its rule, before any adversary ran
     tracks={
         "Aeroplane": _track("aeroplane", "flightgear/737-300", parameters="unpainted"),

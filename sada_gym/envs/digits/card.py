@@ -17,7 +17,6 @@ CARD = ApplicationCard(
     summary="The adversary warps images of handwritten digits, and the classifier has to read "
     "them.",
     application="sada_gym.envs.digits.application:DigitsApplication",
-    clip="sada_gym.envs.digits.clip:clip",
     tracks={str(digit): {"digit": digit} for digit in range(10)},
     agents=(CNN,),
     agent_kind="classifier",

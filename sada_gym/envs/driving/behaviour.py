@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sada_gym.behaviour import Behaviour, listed_events
-from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.route import COMMAND_LEAD_M, COMMANDS, SPACING_M, Route
+from sada_gym.envs.episodes.rollout import Rollout
 
 _BEND_M, _BEND_RAD = 8.0, np.deg2rad(20.0)
 """A street bends where its heading changes by more than this within so far before and after."""
@@ -34,6 +35,27 @@ def behaviour(episodes: DrivingEpisodes, rows: Sequence[int]) -> Behaviour:
             events.append((f"route {number}: not there after {after_s:.0f} s", "not there in time"))
     text, told = listed_events(events, len(rows), "drive", f"all {len(rows)} drives arrived")
     return Behaviour(text, told, "drive", {"drives": drives})
+
+
+def ending(rollout: Rollout[DrivingStart]) -> tuple[str, int]:
+    """Say how a drive ended, and at which step."""
+    after_s = rollout.last / POLICY_HZ
+    texts = {
+        DrivingEnd.ARRIVED: f"arrived after {after_s:.0f} s",
+        DrivingEnd.LEFT_LANE: f"left its lane on the {_side(rollout)} after {after_s:.1f} s",
+        DrivingEnd.TOO_LATE: f"not there after {after_s:.0f} s",
+    }
+    return texts[DrivingEnd(int(rollout["ending"][-1]))], rollout.last
+
+
+def _side(rollout: Rollout[DrivingStart]) -> str:
+    # y points to the right of x
+    route, place = rollout.start.route, rollout["states"][-1, :2]
+    off = place - route.points
+    nearest = int((off**2).sum(axis=1).argmin())
+    heading = route.heading[nearest]
+    right = -np.sin(heading) * off[nearest, 0] + np.cos(heading) * off[nearest, 1]
+    return "right" if right > 0 else "left"
 
 
 def place_on(route: Route, made_m: float) -> str:

@@ -8,7 +8,6 @@ CARD = ApplicationCard(
     summary="The adversary mounts the camera and chooses the weather, and the driver has to stay "
     "on the road.",
     application="sada_gym.envs.driving.application:DrivingApplication",
-    clip="sada_gym.envs.driving.clip:clip",
     tracks={
         "Straight": {"task": "straight"},
         "OneCurve": {"task": "one_curve"},

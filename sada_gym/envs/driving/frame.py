@@ -10,17 +10,18 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.arrays import Floats, Floats32
-from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
+from sada_gym.drawing import INK_RGB, caption, cross, dashed, font, inset, stacked
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
-from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingStart
 from sada_gym.envs.driving.world.route import COMMANDS, LAYOUT
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
 
-_LENS = Lens(198, 450)
+_LENS, _FILM_LENS = Lens(198, 450), Lens(270, 480)
+_INSET = 170
 _MAP_LEVEL = 2
 _EDGE_M = 22.0
 _ROUTE, _DRIVEN, _FAILED, _GOAL = rgb(YELLOW), rgb(BLUE), rgb(VERMILLION), rgb(GREEN)
@@ -38,13 +39,6 @@ LEGEND = (
         "with all five routes. Beside the weather stand the camera's height and pitch."
     ),
 )
-
-_ENDING_TEXTS = {
-    DrivingEnd.ARRIVED: "arrived",
-    DrivingEnd.LEFT_LANE: "left its lane",
-    DrivingEnd.TOO_LATE: "too late",
-    DrivingEnd.UNDER_WAY: "under way",
-}
 
 
 def summary(rollouts: Rollouts) -> Frame:
@@ -66,41 +60,34 @@ def summary(rollouts: Rollouts) -> Frame:
     return stacked(parts)
 
 
-def frames(rollouts: Rollouts) -> list[Frame]:
-    """Draw every step of every drive: the camera's image beside the map."""
-    chart = _chart(int(_LENS.rows / _chart(1000).picture.height * 1000))
-    drawn = []
-    for i, rollout in enumerate(rollouts):
-        states = rollout["states"]
-        for step in range(len(states)):
-            image = Image.fromarray(observation(rollout, step))
-            pair = beside(image, _map(chart, {i: rollout}, until=step))
-            ending = _ENDING_TEXTS[DrivingEnd(int(rollout["ending"][step]))]
-            command = COMMANDS[rollout["command"][step]]
-            text = (
-                f"route {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   "
-                f"{3.6 * states[step, 3]:3.0f} km/h   command: {command}   {ending}"
-            )
-            frame = stacked([pair, caption(f"{text}   {_world(rollouts)}", pair.width)])
-            over = step == len(states) - 1
-            drawn += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
-    return drawn
+def picture(rollouts: Rollouts, i: int, step: int) -> tuple[Image.Image, str]:
+    """Draw a step of drive i, the camera's image with a map in its corner, and describe it."""
+    rollout = rollouts[i]
+    image = Image.fromarray(observation(rollout, step, _FILM_LENS))
+    inset(image, _map(_chart(_INSET), {i: rollout}, until=step))
+    command = COMMANDS[rollout["command"][step]]
+    speed_km_h = 3.6 * rollout["states"][step, 3]
+    text = (
+        f"route {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {speed_km_h:3.0f} km/h   "
+        f"command: {command}\n{_world(rollouts)}"
+    )
+    return image, text
 
 
-def observation(rollout: Rollout[DrivingStart], step: int = 0) -> Frame:
+def observation(rollout: Rollout[DrivingStart], step: int = 0, lens: Lens = _LENS) -> Frame:
     """Draw the camera's image, large, after some steps."""
     start = rollout.start
     pose = np.array([[*rollout["states"][step, :3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
-    rays, weather = _rays(start.mount.pitch_deg)[None], np.array([start.weather])
+    rays, weather = _rays(lens, start.mount.pitch_deg)[None], np.array([start.weather])
     frame: Frame
-    (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
+    (frame,) = camera(LAYOUT).draw(lens, rays, np.zeros(1, np.int64), pose, weather, key)
     return frame
 
 
 @lru_cache(maxsize=2)
-def _rays(pitch_deg: float) -> Floats32:
-    return _LENS.rays(pitch_deg)
+def _rays(lens: Lens, pitch_deg: float) -> Floats32:
+    return lens.rays(pitch_deg)
 
 
 def _world(rollouts: Rollouts) -> str:

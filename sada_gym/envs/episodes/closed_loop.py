@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -10,6 +11,7 @@ from typing import Any, ClassVar, Generic, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
@@ -18,9 +20,10 @@ from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Application, isolated_rng
 from sada_gym.arrays import Floats
 from sada_gym.behaviour import Behaviour
+from sada_gym.drawing import caption, stacked
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.frames import Frame, LegendEntry, Take
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 from sada_gym.seeds import validate_seeds, validate_world
@@ -29,6 +32,8 @@ AgentLike: TypeAlias = str | Path | Predictor | Agent[Any, npt.NDArray[Any]]
 """A shipped agent's name, a file of weights, a model, or an agent as it is."""
 _AT_ONCE = 4
 """Worlds whose rollouts are held in memory together."""
+_LETTERS = 34
+"""How many letters' heights a replay's frame is wide."""
 
 
 class EpisodesApplication(Application, Generic[EpisodesT]):
@@ -99,10 +104,13 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
 
     Attributes:
         episodes_class: The class of the episodes.
-        frame_module: The module that draws: its `LEGEND`, `summary` and `frames` of the rollouts
-            of one world, and `observation` of the first step of one rollout.
+        frame_module: The module that draws: its `LEGEND`, `summary` of the rollouts of one world,
+            `picture` of a step of one of them with a line on it, and `observation` of a rollout's
+            first step.
+        steps_a_frame: How many steps of the agent go by from one frame of a replay to the next.
         behaviour_module: The module whose `behaviour` says what became of the episodes of one
-            world, from their numbers among episodes that have ended.
+            world, from their numbers among episodes that have ended, and whose `ending` says how a
+            rollout ended and which step shows it.
         privileged_agent: `module:Class` of an agent that knows the whole world; "" if there is
             none.
         worlds_at_once: The most worlds whose episodes are in lockstep.
@@ -110,6 +118,7 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
 
     episodes_class: ClassVar[type[Episodes[Any]]]
     frame_module: ClassVar[str]
+    steps_a_frame: ClassVar[int] = 1
     behaviour_module: ClassVar[str]
     privileged_agent: ClassVar[str] = ""
     worlds_at_once: ClassVar[int] = 2**20
@@ -184,5 +193,34 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
         return frame
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
-        frames: list[Frame] = load(f"{self.frame_module}:frames")(rollouts)
+        frames: list[Frame] = []
+        for i, rollout in enumerate(rollouts):
+            for step in self._steps(rollout.last):
+                picture, text = self._picture(rollouts, i, step)
+                said = caption(text, picture.width, picture.width // _LETTERS)
+                frames.append(stacked([picture, said]))
+            frames += frames[-1:] * (int(self.render_fps) - 1)  # a second to read how it ended
         return frames
+
+    def takes(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Take], float]:
+        """Play all episodes of one world again, for a film: each of them, and the score."""
+        rollouts = self.rollouts(mu, seed)
+        takes = [self._take(rollouts, i) for i in range(len(rollouts))]
+        return takes, float(np.mean([rollout.score for rollout in rollouts]))
+
+    def _take(self, rollouts: list[Rollout[Any]], i: int) -> Take:
+        ending, last = load(f"{self.behaviour_module}:ending")(rollouts[i])
+        steps = self._steps(last)
+
+        def draw(number: int) -> tuple[Frame, str]:
+            picture, text = self._picture(rollouts, i, steps[number])
+            return np.asarray(picture), re.sub(r"   +", "  ·  ", text.partition("\n")[0].strip())
+
+        return Take(len(steps), draw, ending, rollouts[i].score < 1)
+
+    def _steps(self, last: int) -> list[int]:
+        return [*range(0, last, self.steps_a_frame), last]
+
+    def _picture(self, rollouts: list[Rollout[Any]], i: int, step: int) -> tuple[Image.Image, str]:
+        drawn: tuple[Image.Image, str] = load(f"{self.frame_module}:picture")(rollouts, i, step)
+        return drawn

@@ -47,6 +47,11 @@ class Rollout(Generic[StartT]):
         """Return one key of the snapshots."""
         return self.snapshots[key]
 
+    @property
+    def last(self) -> int:
+        """The number of the last snapshot, which is that of the steps."""
+        return len(next(iter(self.snapshots.values()))) - 1
+
 
 def record(agent: Agent[EpisodesT, npt.NDArray[Any]], episodes: EpisodesT) -> list[Rollout[Any]]:
     """Let an agent act in episodes from their starts to their ends, and keep every step."""

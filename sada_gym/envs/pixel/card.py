@@ -10,7 +10,6 @@ CARD = ApplicationCard(
     title="Pixel attack",
     summary="The adversary adds noise to the image of a digit, and the classifier has to read it.",
     application="sada_gym.envs.pixel.application:PixelApplication",
-    clip="sada_gym.envs.digits.clip:clip",
     agents=(replace(CNN, summary="the same classifier as of SADA-Digits; the default"),),
     agent_kind="classifier",
     agent_loader=LOADER,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from sada_gym.arrays import Floats
 from sada_gym.behaviour import Behaviour, listed_events
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
@@ -32,6 +34,20 @@ def behaviour(episodes: RobotEpisodes, rows: Sequence[int]) -> Behaviour:
             events.append((words, "not there in time"))
     text, told = listed_events(events, len(rows), "trip", f"all {len(rows)} trips arrived")
     return Behaviour(text, told, "trip", {"trips": trips})
+
+
+def ending(rollout: Rollout[RobotStart]) -> tuple[str, int]:
+    """Say how a trip ended, and at which step."""
+    last, pose = rollout.last, rollout["poses"][-1]
+    after_s = last / POLICY_HZ
+    end = RobotEnd(int(rollout["ending"][-1]))
+    if end == RobotEnd.COLLIDED:
+        hit = touched(rollout.start, pose, rollout["carts"][-1])
+        return f"hit {hit} after {after_s:.1f} s", last
+    if end == RobotEnd.ARRIVED:
+        return f"arrived after {after_s:.0f} s", last
+    away_m = math.dist(pose[:2], rollout.start.plan.ways[rollout.start.trip][-1])
+    return f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s", last
 
 
 def touched(start: RobotStart, pose: Floats, carts: Floats) -> str:

@@ -8,7 +8,6 @@ CARD = ApplicationCard(
     summary="The adversary changes the warehouse, the load, the lidar and the wheels, and the "
     "robot has to reach its goal.",
     application="sada_gym.envs.robot.application:RobotApplication",
-    clip="sada_gym.envs.robot.clip:clip",
     tracks={"Warehouse": {}},
     same_as="Warehouse",
     agents=(

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, beside, caption, cross, font, stacked
+from sada_gym.drawing import INK_RGB, beside, caption, cross, font, ring, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
@@ -56,28 +56,26 @@ def summary(rollouts: Rollouts) -> Frame:
     rollout = rollouts[which]
     last = len(rollout["poses"]) - 1
     arrived = len(rollouts) - len(failed)
-    ending = _words(rollout["ending"][-1])
+    end = _words(rollout["ending"][-1])
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
     pair = beside(snapshot(rollout, last), Image.fromarray(stacked(maps)))
     text = (
         f"{arrived} of {len(rollouts)} trips arrived; left: trip {which + 1} after "
-        f"{last / POLICY_HZ:.1f} s, {ending}\n"
+        f"{last / POLICY_HZ:.1f} s, {end}\n"
     )
     text += _conditions(rollout.start.conditions)
     return stacked([caption(text, pair.width, _TEXT), pair])
 
 
-def frames(rollouts: Rollouts) -> list[Frame]:
-    """Draw every step of every trip."""
-    drawn = []
-    for i, rollout in enumerate(rollouts):
-        last = len(rollout["poses"]) - 1
-        for step in range(last + 1):
-            ending = _words(rollout["ending"][step])
-            text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
-            frame = stacked([snapshot(rollout, step), caption(text, WIDTH)])
-            drawn += [frame] * (POLICY_HZ if step == last else 1)  # a second to read the ending
-    return drawn
+def picture(rollouts: Rollouts, i: int, step: int) -> tuple[Image.Image, str]:
+    """Draw a step of trip i, and say when that is."""
+    ending = _words(rollouts[i]["ending"][step])
+    text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
+    drawn = snapshot(rollouts[i], step)
+    if step == rollouts[i].last and rollouts[i].score < 1:
+        unit, (x, y, _) = WIDTH / HALL_M[0], rollouts[i]["poses"][step]
+        ring(ImageDraw.Draw(drawn), x * unit, (HALL_M[1] - y) * unit, 28)
+    return drawn, text
 
 
 def observation(rollout: Rollout[RobotStart], step: int = 0) -> Frame:

@@ -11,7 +11,7 @@ import numpy as np
 from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
-from sada_gym.envs.uav.episodes import REPLAY_HZ, RacingEpisodes
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingEpisodes
 from sada_gym.envs.uav.start_distribution import benchmark_starts
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.templates import template
@@ -78,6 +78,7 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
 
     name = "SADA-UAV"
     render_fps = REPLAY_HZ
+    steps_a_frame = POLICY_HZ // REPLAY_HZ
     fooling_threshold = 0.7
     sample_size = 100
     episodes_class = RacingEpisodes

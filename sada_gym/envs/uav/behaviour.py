@@ -8,7 +8,8 @@ import numpy as np
 
 from sada_gym.arrays import Floats
 from sada_gym.behaviour import MOST_NAMED, Behaviour
-from sada_gym.envs.uav.episodes import GATE_LIMIT_S, RacingEpisodes
+from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.uav.episodes import GATE_LIMIT_S, RacingEpisodes, RacingStart
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
 
@@ -31,6 +32,17 @@ def behaviour(races: RacingEpisodes, rows: Sequence[int]) -> Behaviour:
     text += f"; and {more} more" if (more := len(words) - MOST_NAMED) > 0 else ""
     # a drone that was set back into a gate often misses the next ones, too: the first one counts
     return Behaviour(text, (f"{words[0]} first",), data=data)
+
+
+def ending(rollout: Rollout[RacingStart]) -> tuple[str, int]:
+    """Say how a race went wrong first, if at all, and the step at which that shows."""
+    outcomes, gates = rollout["endings"], rollout.start.gates
+    is_missed = outcomes > GateOutcome.PASSED
+    if not is_missed.any():
+        return f"all {len(gates)} gates in {rollout['time_s'][-1]:.1f} s", rollout.last
+    step = int(is_missed.any(axis=1).argmax())
+    gate = int(is_missed[step].argmax())
+    return missed(gates, gate, int(outcomes[step, gate]), rollout["ended_at"][step, gate]), step
 
 
 def missed(gates: Floats, gate: int, outcome: int, at: Floats) -> str:

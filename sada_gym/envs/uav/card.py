@@ -8,7 +8,6 @@ CARD = ApplicationCard(
     summary="The adversary bends the race track by its anchors, and the pilot has to pass every "
     "gate.",
     application="sada_gym.envs.uav.application:UAVApplication",
-    clip="sada_gym.envs.uav.clip:clip",
     tracks={f"{anchors}Anchors": {"anchors": anchors} for anchors in (3, 4, 5)},
     same_as="3Anchors",
     agents=(

@@ -14,7 +14,8 @@ from sada_gym.arrays import Floats
 from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
+from sada_gym.envs.uav.chase import from_behind
+from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
@@ -53,7 +54,8 @@ def summary(rollouts: Sequence[Rollout[RacingStart]]) -> Frame:
     (rollout,) = rollouts
     step, seen_at = shown_step(rollout)
     passed = int((rollout["endings"][-1] == GateOutcome.PASSED).sum())
-    pair = _pair(rollout, step, len(rollout["states"]))
+    plan = _plan(rollout, step, len(rollout["states"]))
+    pair = beside(Image.fromarray(observation(rollout, step)), plan)
     text = (
         f"{passed} of {len(rollout.start.gates)} gates passed in {rollout['time_s'][-1]:.1f} s   "
         f"({_track(rollout)})\n{seen_at}"
@@ -61,24 +63,23 @@ def summary(rollouts: Sequence[Rollout[RacingStart]]) -> Frame:
     return stacked([pair, caption(text, pair.width, _TEXT)])
 
 
-def frames(rollouts: Sequence[Rollout[RacingStart]]) -> list[Frame]:
-    """Draw `REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
-    (rollout,) = rollouts
-    drawn: list[Frame] = []
-    last = len(rollout["states"]) - 1
-    for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:
-        state, endings = rollout["states"][step], rollout["endings"][step]
-        passed = int((endings == GateOutcome.PASSED).sum())
-        missed = int((endings > GateOutcome.PASSED).sum())
-        ahead = len(endings) - passed - missed
-        goal = f"to gate {passed + missed + 1}" if ahead else "over"
-        text = (
-            f"{rollout['time_s'][step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} m/s   {goal}   "
-            f"({_track(rollout)})\n{passed} gates passed   {missed} missed"
-        )
-        pair = _pair(rollout, step, step + 1)
-        drawn.append(stacked([pair, caption(text, pair.width, _TEXT)]))
-    return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
+def picture(rollouts: Sequence[Rollout[RacingStart]], i: int, step: int) -> tuple[Image.Image, str]:
+    """Draw a decision of race i, the drone from behind beside the track, and describe it."""
+    rollout = rollouts[i]
+    state, endings = rollout["states"][step], rollout["endings"][step]
+    passed = int((endings == GateOutcome.PASSED).sum())
+    missed = int((endings > GateOutcome.PASSED).sum())
+    ahead = len(endings) - passed - missed
+    goal = f"to gate {passed + missed + 1}" if ahead else "over"
+    text = (
+        f"{rollout['time_s'][step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} m/s   {goal}   "
+        f"({_track(rollout)})\n{passed} gates passed   {missed} missed"
+    )
+    # a drone that has missed a gate was set back in the same decision
+    is_back = missed > (rollout["endings"][max(0, step - 1)] > GateOutcome.PASSED).sum()
+    seen = max(0, step - int(is_back))
+    view = from_behind(rollout, seen, VIEW_ROWS, VIEW_COLUMNS)
+    return beside(view, _plan(rollout, seen, step + 1)), text
 
 
 def shown_step(rollout: Rollout[RacingStart]) -> tuple[int, str]:
@@ -117,15 +118,14 @@ def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Floats, ...]:
     return tuple(ways)
 
 
-def _pair(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
+def _plan(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
     state, endings = rollout["states"][step], rollout["endings"][until - 1]
-    plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
+    return Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
         endings,
         flown_ways(rollout, until),
         np.array([*state[:2], heading_of(*state[3:7])]),
         rollout["ended_at"][until - 1, endings == GateOutcome.HIT, :2],
     )
-    return beside(Image.fromarray(observation(rollout, step)), plan)
 
 
 def _track(rollout: Rollout[RacingStart]) -> str:

@@ -85,9 +85,10 @@ from sada_gym.errors import (
     plain,
 )
 from sada_gym.evaluation.watch import is_watched, world_key
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.evaluations import fools
+from sada_gym.frames import Frame, LegendEntry, Take
 from sada_gym.lazy import load
-from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.parameters import Mu, ParameterSpace, number
 from sada_gym.seeds import validate_seeds, validate_world
 
 if TYPE_CHECKING:
@@ -776,6 +777,25 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if np.isnan(score):  # the world broke
             score = 0.0 if self._on_error == "fooled" else INVALID_SCORE
         return frames, score
+
+    def takes(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Take], float]:
+        """Play the episodes again, for a film: each of them, and the score."""
+        if not self.can_render:
+            self._rendering(mu, seed)
+        rollouts = self.rollouts(mu, seed)
+        score = float(np.mean([rollout.score for rollout in rollouts]))
+        return [self._take(rollouts, i) for i in range(len(rollouts))], score
+
+    def _take(self, rollouts: list[Rollout[Any]], i: int) -> Take:
+        rollout, count = rollouts[i], len(rollouts)
+        name = f"episode {i + 1} of {count}  ·  " if count > 1 else ""
+
+        def draw(step: int) -> tuple[Frame, str]:
+            return rollout["frame"][step], f"{name}step {step}  ·  return {returns[step]}"
+
+        returns = [number(value) for value in rollout["return"].tolist()]
+        ending = f"return {returns[-1]} after {rollout.last} steps"
+        return Take(rollout.last + 1, draw, ending, fools(rollout.score, self.fooling_threshold))
 
     def _compared(
         self, mu: npt.ArrayLike, seed: int, frames: list[Frame], score: float

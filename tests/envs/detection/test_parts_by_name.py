@@ -3,11 +3,10 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from PIL import Image
 from toy_parts import Flat
 
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection import clip as detection_clip
+from sada_gym.envs.detection import frame as detection_frame
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.renderers.registry import RENDERERS
 from sada_gym.envs.detection.shapes.registry import SHAPES
@@ -120,16 +119,15 @@ def test_unknown_parts_get_a_sentence(keywords, message, tmp_path, monkeypatch):
 
 def test_a_renderer_says_whether_videos_may_ask_for_larger_pictures(monkeypatch):
     application = DetectionApplication("car", renderer=Flat())
-    way, side = MU[:2], detection_clip.SIDE * 2
+    way, side = MU[:2], detection_frame.SIDE
     asked = []
     draw = Flat.render_batch
     monkeypatch.setattr(
         Flat, "render_batch", lambda self, *given: asked.append(given[1]) or draw(self, *given)
     )
-    for any_size, sizes in ((False, [128, 128]), (True, [side])):
+    for any_size, sizes in ((False, [128]), (True, [side, 128])):
         asked.clear()
         monkeypatch.setattr(Flat, "any_size", any_size)
-        views = detection_clip._views(application, way, 0)
-        assert [view.size for view in views] == [(side, side)] * 2
-        assert isinstance(views[0], Image.Image)
+        views = [*application.film_batch(way, [0, 0])]
+        assert [view.shape for view in views] == [(side, side, 3)] * 2
         assert asked == sizes

@@ -27,7 +27,10 @@ class ToyApplication(Application):
 
     def _evaluate(self, mu, seeds):
         score = np.clip(np.linalg.norm(mu, axis=1).astype(float), 0.0, 1.0)
-        return Scored(score, [{} for _ in seeds])
+        return Scored(score, [{"ending": "the ball has stopped"} for _ in seeds])
 
     def render(self, mu, seed):
         return np.full((40, 60, 3), 128, np.uint8)
+
+    def replay(self, mu, seed):
+        return [self.render(mu, seed)] * 3, float(self.evaluate(mu[None], [seed]).score[0])
