@@ -5,12 +5,13 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
 from sada_gym.cards import AgentCard, cards, fetchable, find_card
-from sada_gym.errors import FileError, UserError, check_known
+from sada_gym.errors import FileError, UserError
 from sada_gym.lazy import load as load_object
 
 _WEIGHTS = ".safetensors"
@@ -42,7 +43,8 @@ def card(name: str, application: str | None = None) -> AgentCard:
     """Find a shipped agent by name; raise `UserError` if none serves the application."""
     chosen = [card for card in cards() if application in (None, card.name)]
     shipped = {agent.name: agent for card in chosen for agent in card.agents}
-    check_known("agent's name", [name], [*shipped])
+    if name not in shipped:
+        raise _unknown(name, [*shipped])
     return shipped[name]
 
 
@@ -107,9 +109,15 @@ def _located(agent: str | Path, application: str) -> tuple[str, Any]:
             f"{expected} with a {card.agent_kind}'s weights, got {agent}: no such file. Check its "
             "path."
         )
-    close = difflib.get_close_matches(str(agent), known, n=1)
+    raise _unknown(str(agent), known, f", or a {_WEIGHTS} file")
+
+
+def _unknown(name: str, known: Sequence[str], otherwise: str = "") -> UserError:
+    close = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise UserError(f"{expected}, got {str(agent)!r}.{hint}")
+    return UserError(
+        f"Expected an agent's name among {', '.join(known)}{otherwise}, got {name!r}.{hint}"
+    )
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:

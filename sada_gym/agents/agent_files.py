@@ -57,9 +57,9 @@ def load_agent_file(
     """
     suffix = path.suffix.lower()
     if suffix in ONNX:
-        return load("sada_gym.agents.onnx:OnnxNetwork")(path, observation_space, action_space)
+        return load("sada_gym.agents.exported:OnnxNetwork")(path, observation_space, action_space)
     if suffix in TORCHSCRIPT:
-        network = load("sada_gym.agents.torchscript:TorchScriptNetwork")
+        network = load("sada_gym.agents.exported:TorchScriptNetwork")
         return network(path, observation_space, action_space)
     if not has_statistics:
         _check_statistics(path, environment)

@@ -1,8 +1,9 @@
-"""Networks that another framework exported: what goes in, and which actions their output means."""
+"""Networks that another framework exported as ONNX or TorchScript, as agents."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -11,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from gymnasium import spaces
 
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
-from sada_gym.errors import Notice, UserError, explained
+from sada_gym.errors import FileError, MissingExtra, Notice, UserError, explained, install_line
 from sada_gym.files import read_file
 
 Array = npt.NDArray[Any]
@@ -23,6 +25,16 @@ MAX_MODEL_BYTES = 500 * 2**20
 
 _CHANNELS = (1, 3, 4)
 """How many numbers a pixel of a picture has."""
+
+_ONNX_TYPES = {
+    "tensor(float)": np.float32,
+    "tensor(double)": np.float64,
+    "tensor(float16)": np.float16,
+    "tensor(int64)": np.int64,
+    "tensor(int32)": np.int32,
+    "tensor(uint8)": np.uint8,
+    "tensor(bool)": np.bool_,
+}
 
 
 class ExportedNetwork(ABC):
@@ -130,6 +142,91 @@ class ExportedNetwork(ABC):
         """Read the network again."""
         self.__dict__.update(state)
         self._open()
+
+
+class OnnxNetwork(ExportedNetwork):
+    """A network of an ONNX file, run by onnxruntime on the CPU in one thread.
+
+    `torch.onnx` may have laid weights beside it, as FILE.data.
+    """
+
+    packages = ("onnxruntime",)
+    beside = ".data"
+
+    def _open(self) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise MissingExtra(
+                f"Expected onnxruntime to be installed for the agent in {self.path}. "
+                f"{install_line('onnx')}"
+            ) from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        mend = "Name a file that torch.onnx.export or the like wrote, and what lay beside it."
+        model, *weights = self._contents
+        with explained(f"Expected an ONNX model in {self.path}", mend, FileError):
+            if weights:
+                names, sizes = [f"{self.path.name}.data"], [len(weights[0])]
+                options.add_external_initializers_from_files_in_memory(names, weights, sizes)
+            self._session = onnxruntime.InferenceSession(
+                model, options, providers=["CPUExecutionProvider"]
+            )
+        self._inputs = {entry.name: entry for entry in self._session.get_inputs()}
+        self._keys = input_names(self.observation_space, [*self._inputs], self.path)
+        parts = keyed(self.observation_space)
+        self._moved = {
+            name
+            for name, key in self._keys.items()
+            if takes_channels_first(parts[key], tuple(self._inputs[name].shape), name, self.path)
+        }
+        rows = {(entry.shape or [None])[0] for entry in self._inputs.values()}
+        self.fixed = next((size for size in rows if isinstance(size, int)), None)
+
+    def _outputs(self, inputs: Batch) -> Array:
+        given: dict[str, Array] = {}
+        for name, key in self._keys.items():
+            wanted = self._inputs[name]
+            value = inputs[key]
+            if name in self._moved:
+                value = np.ascontiguousarray(np.moveaxis(value, 3, 1))
+            if len(wanted.shape) == 2 and value.ndim == 1:
+                value = value[:, None]
+            given[name] = value.astype(_ONNX_TYPES.get(wanted.type, np.float32))
+        first: Array = self._session.run(None, given)[0]
+        return first
+
+
+class TorchScriptNetwork(ExportedNetwork):
+    """A network of a file that `torch.jit.script(module).save(path)` or `torch.jit.trace` wrote.
+
+    It is a program in torch's own language, so trust it. A dictionary is given as keywords.
+    """
+
+    def _open(self) -> None:
+        mend = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
+        with explained(f"Expected a TorchScript module in {self.path}", mend, FileError):
+            load: Any = torch.jit.load
+            self._module = load(io.BytesIO(self._contents[0]), map_location="cpu")
+        self._module.eval()
+        names = [argument.name for argument in self._module.forward.schema.arguments][1:]
+        self._keys = input_names(self.observation_space, names, self.path)
+        weights = [*self._module.parameters()]
+        self._dtype = weights[0].dtype if weights else torch.float32
+
+    def _outputs(self, inputs: Batch) -> Array:
+        with torch.no_grad():
+            given = {name: self._tensor(inputs[key]) for name, key in self._keys.items()}
+            outputs = self._module(**given)
+        first = outputs[0] if isinstance(outputs, tuple | list) else outputs
+        array: Array = first.numpy()
+        return array
+
+    def _tensor(self, value: Array) -> torch.Tensor:
+        """Return floats of the weights' precision, and whole numbers as they are."""
+        tensor = torch.from_numpy(np.ascontiguousarray(value))
+        return tensor.to(self._dtype) if tensor.is_floating_point() else tensor
 
 
 def takes_channels_first(

@@ -1,4 +1,4 @@
-"""Functions as agents, and agents with a memory, one for each episode: one observation a call."""
+"""The agents that a user's own environment takes: models, functions, and factories of them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,62 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from copy import deepcopy
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sada_gym.agents.contract import Indices
+from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError, UserTypeError, described, explained
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecNormalize
+
+
+def agent_of(
+    given: Any,
+    interface: Interface,
+    name: str,
+    *,
+    normalisation: VecNormalize | Literal[False] | None = None,
+    deterministic: bool = True,
+) -> Agent[Any, Any]:
+    """Return what acts for an object that a user gives as an agent.
+
+    Args:
+        given: An `Agent`, which stays as it is; an object with `predict` for batches; a function of
+            an observation; or a factory or an object with `reset`, which make one agent an episode.
+        interface: What the agent sees and does.
+        name: The agent's name, for messages.
+        normalisation: See `Policy`.
+        deterministic: Whether the agent takes its best action; otherwise it draws actions, from the
+            evaluation's seed.
+
+    Raises:
+        UserError: If it is none of these, or not for this environment.
+    """
+    if is_factory(given):
+        return EpisodeAgents(given, name, deterministic=deterministic)
+    if isinstance(given, type):
+        raise UserTypeError(
+            f"Expected an agent, got the class {given.__name__}, which takes arguments. Make one "
+            "of it, such as PPO.load('agent.zip')."
+        )
+    if isinstance(given, Agent):
+        return given
+    acts = hasattr(given, "predict") or callable(given)
+    if acts and callable(getattr(given, "reset", None)):
+        return EpisodeAgents(given, name, deterministic=deterministic)
+    if hasattr(given, "predict"):
+        from sada_gym.agents.policy import Policy
+
+        return Policy(given, interface, normalisation=normalisation, deterministic=deterministic)
+    if callable(given):
+        return FunctionAgent(given, name, deterministic=deterministic)
+    raise UserTypeError(
+        "Expected an SB3 model, the path of an SB3 zip, an object with `predict`, or a "
+        f"function of an observation as the agent, got {given!r}."
+    )
 
 
 class FunctionAgent:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from inspect import ismethod
 from typing import TYPE_CHECKING, Any
 
-from sada_gym.errors import UserError, UserTypeError, check_plain
+from sada_gym.errors import UserError, check_plain
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -93,12 +93,8 @@ def check_finite_weights(agent: Any) -> None:
 
 
 def check_agent_id(agent_id: Any) -> None:
-    """Check that an `agent_id` is a name or None; raise `UserTypeError` if it is neither."""
-    if agent_id is not None and not isinstance(agent_id, str):
-        raise UserTypeError(
-            f"Expected agent_id to be a name, a str, got {agent_id!r}. Pass agent_id='my-agent-1'."
-        )
-    check_plain("agent_id", agent_id or "")
+    """Check that an `agent_id` is a name or None; raise `UserError` if it is neither."""
+    check_plain("agent_id", "" if agent_id is None else agent_id)
 
 
 def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:

@@ -24,6 +24,10 @@ random choices of this step follow from, (n,) uint32; and the parts of the episo
 Array = npt.NDArray[Any]
 
 
+class Refused(Exception):  # noqa: N818 - reads as what happened
+    """A distribution of torch's refused its parameters: the network's output was NaN."""
+
+
 @dataclass(frozen=True)
 class Answers:
     """The actions of n episodes, (n, ...), and the parts of their states, (n, ...) each."""
@@ -156,8 +160,11 @@ class ModelCall:
         except UserError:
             raise
         except Exception as error:  # whatever a user's model may raise
-            if isinstance(error, ValueError) and is_torchs_refusal(error):
-                raise
+            # torch's refusal has no type of its own, so the place where it was raised decides
+            *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+            refused_by = torch.distributions.Distribution.__init__.__code__
+            if isinstance(error, ValueError) and frame.f_code is refused_by:
+                raise Refused from error
             shown = ", ".join(
                 f"{key}={value}" if key == "deterministic" else f"{key}=..."
                 for key, value in keywords.items()
@@ -201,13 +208,6 @@ def seed_generators(seed: int, model: Any = None) -> None:
         space = getattr(owner, "action_space", None)
         if isinstance(space, spaces.Space):
             space.seed(seed)
-
-
-def is_torchs_refusal(error: ValueError) -> bool:
-    """Whether a distribution of torch's refused its parameters: the network's output was NaN."""
-    # the error has no type of its own, so the place where it was raised decides
-    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return frame.f_code is torch.distributions.Distribution.__init__.__code__
 
 
 def _parameters(function: Any) -> Mapping[str, inspect.Parameter]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, Literal
 
@@ -22,8 +22,8 @@ from sada_gym.agents.model_call import (
     STATE,
     Answers,
     ModelCall,
+    Refused,
     StateLayout,
-    is_torchs_refusal,
     mask_size,
 )
 from sada_gym.agents.tile import Batch, fits_batches, keyed, sampled, tiled
@@ -225,9 +225,7 @@ class Policy:
                     self._call({key: value[:1] for key, value in tile.items()})
                     return False
                 answers, backwards = (self._twice(tile, step) for step in (1, -1))
-            except ValueError as error:
-                if not is_torchs_refusal(error):
-                    raise
+            except Refused:
                 return True  # `act` says for whom
         return all(
             np.array_equal(answer, backward[::-1], equal_nan=True)
@@ -248,9 +246,7 @@ class Policy:
         """Return the answers to a tile; NaN where the model refuses one."""
         try:
             answers = self._call(tile)
-        except ValueError as error:
-            if not is_torchs_refusal(error):
-                raise
+        except Refused:
             answers = self._one_by_one(tile)
         shape = (self._tile, *self._action_shape)
         if answers.actions.shape != shape:
@@ -263,12 +259,9 @@ class Policy:
     def _one_by_one(self, tile: Batch) -> Answers:
         actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in range(self._tile):
-            try:
+            with suppress(Refused):
                 alone = {key: value[row : row + 1] for key, value in tile.items()}
                 actions[row] = tiled(self._call, alone, self._tile)[0].actions[0]
-            except ValueError as error:
-                if not is_torchs_refusal(error):
-                    raise
         states = tuple(value for key, value in tile.items() if key.startswith(STATE))
         return Answers(actions, states)
 

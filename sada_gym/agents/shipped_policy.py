@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,12 +20,17 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
     """An SB3 policy that takes no settings, so that its weights say everything about what it does.
 
     A subclass gives `settings`, the name of its `architecture`, for fingerprints, and the
-    `environment` on which it is trained.
+    `environment` on which it is trained. For files it gives the `kind` of agent, such as `driver`,
+    the module that it is `trained_by`, the observations `seen`, and how else it is `built`.
     """
 
     architecture: ClassVar[str]
     settings: ClassVar[Mapping[str, Any]]
     environment: ClassVar[type[gym.Env[Any, Any]]]
+    kind: ClassVar[str]
+    trained_by: ClassVar[str]
+    seen: ClassVar[spaces.Dict]
+    built: ClassVar[Mapping[str, Any]]
 
     def __init__(
         self,
@@ -43,39 +47,23 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
         with generators_kept():
             return PPO(cls, env or cls.environment(), seed=seed, device="cpu", **options)
 
+    @classmethod
+    def save_model(cls, model: PPO, path: Path) -> None:
+        """Write a model's weights, and how their network is built."""
+        save_weights(model.policy, path, cls._header())
 
-@dataclass(frozen=True)
-class PolicyFiles:
-    """Files of one kind of agent, such as `driver`: weights, and how their network is built.
-
-    The module `trained_by` trains such an agent; `new_model` makes an untrained one of a seed;
-    `built` is what else the weights' shapes depend on, for JSON.
-    """
-
-    kind: str
-    trained_by: str
-    new_model: Callable[[int], PPO]
-    observation_space: spaces.Dict
-    built: Mapping[str, Any]
-
-    def save(self, model: PPO, path: Path) -> None:
-        """Write a model's weights."""
-        save_weights(model.policy, path, self._architecture)
-
-    def load(self, path: Path) -> PPO:
+    @classmethod
+    def load_model(cls, path: Path) -> PPO:
         """Read a model's weights; raise `FileError` if the file holds none of such an agent."""
-        model = self.new_model(0)
-        file = WeightsFile(path, f"the weights of a {self.kind}", self.kind, self.trained_by)
-        load_weights(model.policy, file, self._architecture)
+        model = cls.new_model(0)
+        file = WeightsFile(path, f"the weights of a {cls.kind}", cls.kind, cls.trained_by)
+        load_weights(model.policy, file, cls._header())
         # as SB3 loads a model: with an environment its pictures would be transposed by that one's
         # wrapper, into another order in memory, for which convolutions give other last bits
         model.env = None
         return model
 
-    @property
-    def _architecture(self) -> dict[str, Any]:
-        spaces_of = sorted(self.observation_space.spaces.items())
-        return {
-            **self.built,
-            "observations": {key: list(space.shape or ()) for key, space in spaces_of},
-        }
+    @classmethod
+    def _header(cls) -> dict[str, Any]:
+        shapes = {key: list(space.shape or ()) for key, space in sorted(cls.seen.items())}
+        return {**cls.built, "observations": shapes}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from sada_gym.agents.exported import takes_channels_first
-from sada_gym.agents.onnx import OnnxNetwork
+from sada_gym.agents.exported import OnnxNetwork, takes_channels_first
 from sada_gym.errors import Notice
 
 FILE = Path("net.onnx")

@@ -24,6 +24,7 @@ from sada_gym.envs.uav import RacingTaskEnv, UAVApplication
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.errors import UserError
 
 PUBLISHED = {
     ("SADA-Detection-Car-v0", "photographer"): "710dee85db84a4c1",
@@ -120,7 +121,7 @@ def test_no_name_and_no_weights_is_no_identity():
 
 @pytest.mark.parametrize("agent_id", [3, b"mine", ["mine"]])
 def test_an_agent_id_is_a_name(agent_id):
-    with pytest.raises(TypeError, match="Expected agent_id to be a name, a str, got"):
+    with pytest.raises(UserError, match=r"Expected agent_id in one line, .*, got .*Rename it"):
         UAVApplication(3, agent=new_network(0), agent_id=agent_id)
 
 

@@ -24,7 +24,7 @@ from sada_gym.agents.remote.messages import (
 )
 from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
 from sada_gym.agents.remote.spaces import Array, describe
-from sada_gym.agents.tile import Batch, fits_batches, keyed, sampled
+from sada_gym.agents.tile import Batch, keyed, sampled
 from sada_gym.errors import AgentLost, UserError
 from sada_gym.files import shown
 
@@ -56,12 +56,6 @@ class RemoteAgent:
         timeout_s: float,
         deterministic: bool = True,
     ) -> None:
-        if not fits_batches(interface.observation_space):
-            raise UserError(
-                f"Expected observations of {interface.task_id} that are numbers or a flat "
-                f"dictionary of them, to send them to {place}, got {interface.observation_space}. "
-                "Flatten them by a wrapper."
-            )
         self.place, self._interface = place, interface
         self._timeout_s, self._deterministic = timeout_s, deterministic
         self._link: Link | None = None

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Indices, Interface
-from sada_gym.agents.given import agent_of
+from sada_gym.agents.functions import agent_of
 from sada_gym.agents.remote.messages import (
     CONNECT,
     CONNECT_UNIX,

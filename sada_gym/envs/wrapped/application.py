@@ -19,7 +19,7 @@ from gymnasium.error import DependencyNotInstalled
 from sada_gym.agents import resolve
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Interface
-from sada_gym.agents.given import agent_of
+from sada_gym.agents.functions import agent_of
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.agents.remote.places import Address, Program, place_of

@@ -293,7 +293,7 @@ def test_a_server_in_use_is_left_to_its_user(start):
         ({"town": 1}, "Expected a town's name"),
         ({"agent": "no such.zip"}, "no such file"),
         ({"agent": 5}, "Expected an SB3 model"),
-        ({"agent_id": 5}, "Expected agent_id to be a name"),
+        ({"agent_id": 5}, "Expected agent_id in one line"),
     ],
 )
 def test_bad_keywords_are_told(keywords, message):

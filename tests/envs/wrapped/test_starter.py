@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.envs.wrapped import starter
+from sada_gym.envs.wrapped.scores import Episode
 from sada_gym.envs.wrapped.starter import starter_file
 from sada_gym.errors import UserError
-from sada_gym.files import read_toml
+from sada_gym.files import parse_toml, read_toml
 
 
 class Slide(gym.Env):
@@ -136,6 +137,20 @@ def test_an_agent_that_is_no_better_than_chance_gets_no_threshold(tmp_path, agen
     assert "does no better than random actions" in result.stdout
     assert "sada-gym attack" not in result.stdout.rpartition("Written to")[2]
     assert "fooling_threshold" not in read_toml(file)
+
+
+def test_rewards_that_are_all_zero_give_a_range_and_no_threshold():
+    zeros = Episode(np.zeros(3), (), (), ({},), terminated=False, truncated=True)
+    (_, low, high), threshold, notes = starter._score([zeros], [zeros])
+    assert low == 0.0 < high
+    assert threshold is None
+    assert "no better than random actions" in notes[-1]
+
+
+def test_keywords_of_any_kind_are_toml():
+    given = {"a b": {"c": [1, "d"], "e": True}, "f": 0.5}
+    text = "\n".join(starter._line(*item) for item in given.items())
+    assert parse_toml(text.encode(), "any") == given
 
 
 class Hall(gym.Env):

@@ -232,7 +232,7 @@ def test_check_finds_a_dead_parameter_by_name(tmp_path):
         ({"sample_size": 1.5}, "sample_size to be a whole number"),
         ({"fooling_threshold": 2.0}, "a number from 0 to 1"),
         ({"name": 3}, "name to be a text"),
-        ({"agent_id": 3}, "agent_id to be a name"),
+        ({"agent_id": 3}, "agent_id in one line"),
     ],
 )
 def test_bad_arguments_get_a_sentence(change, message):

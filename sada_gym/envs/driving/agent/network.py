@@ -15,7 +15,7 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from sada_gym.agents.shipped_policy import PolicyFiles, ShippedPolicy
+from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.envs.driving.episodes import OBSERVATION_SPACE
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
@@ -77,14 +77,11 @@ class DriverPolicy(ShippedPolicy):
         "log_std_init": _LOG_NOISE,
         "features_extractor_class": ConditionalExtractor,
     }
+    kind, trained_by, seen = "driver", "studies.training.driving.train", OBSERVATION_SPACE
+    built: ClassVar[Mapping[str, Any]] = {
+        "extractor": ConditionalExtractor.__name__,
+        "branch_features": BRANCH_FEATURES,
+    }
 
 
-new_model = DriverPolicy.new_model
-FILES = PolicyFiles(
-    kind="driver",
-    trained_by="studies.training.driving.train",
-    new_model=new_model,
-    observation_space=OBSERVATION_SPACE,
-    built={"extractor": ConditionalExtractor.__name__, "branch_features": BRANCH_FEATURES},
-)
-save, load = FILES.save, FILES.load
+new_model, save, load = DriverPolicy.new_model, DriverPolicy.save_model, DriverPolicy.load_model

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from torch import nn
 
-from sada_gym.agents.shipped_policy import PolicyFiles, ShippedPolicy
+from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.envs.robot.episodes import OBSERVATION_SPACE
 from sada_gym.envs.robot.task import RobotTaskEnv
 
@@ -26,14 +26,8 @@ class RobotPolicy(ShippedPolicy):
         "activation_fn": nn.Tanh,
         "log_std_init": _LOG_NOISE,
     }
+    kind, trained_by, seen = "robot", "studies.training.robot.train", OBSERVATION_SPACE
+    built: ClassVar[Mapping[str, Any]] = {"layers": list(LAYERS)}
 
 
-new_model = RobotPolicy.new_model
-FILES = PolicyFiles(
-    kind="robot",
-    trained_by="studies.training.robot.train",
-    new_model=new_model,
-    observation_space=OBSERVATION_SPACE,
-    built={"layers": list(LAYERS)},
-)
-save, load = FILES.save, FILES.load
+new_model, save, load = RobotPolicy.new_model, RobotPolicy.save_model, RobotPolicy.load_model
