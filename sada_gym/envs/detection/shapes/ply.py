@@ -185,8 +185,6 @@ def _triangles(
         raise UserError("indices that are not whole numbers")
     check_count(int((polygons.sizes - 2).clip(0).sum()))
     places, polygon = triangulate(points, corners, polygons.sizes)
-    order = _order(polygon, polygons.sizes)
-    places, polygon = places[order], polygon[order]
     faces, nothing = corners[places], np.zeros(len(places), np.int64)
     if companions is None:
         return Triangles(points, faces, None, nothing)
@@ -203,13 +201,6 @@ def _triangles(
         raise UserError("faces that point at missing textures")
     surfaces = tuple(Surface(name, texture=companions.texture(name)) for name in textures)
     return Triangles(points, faces, uv, surface, surfaces)
-
-
-def _order(polygon: Indices, sizes: Indices) -> Indices:
-    """Sort triangles as fingerprints of users' files have known them: quads' halves apart."""
-    half = np.arange(len(polygon)) - np.searchsorted(polygon, polygon)
-    size = sizes[polygon] if len(polygon) else polygon
-    return np.lexsort((polygon, np.where(size == 4, half, 0), np.clip(size, 3, 5)))
 
 
 def _texture_coordinates(
