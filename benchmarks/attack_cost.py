@@ -23,15 +23,14 @@ from unittest import mock
 import numpy as np
 
 from examples import cartpole
-from sada_gym import make_application
+from sada_gym import attack, make_application
 from sada_gym.application import Application
-from sada_gym.attack import attack
 
 PARTS = {
-    "diagnosis": ("sada_gym.attack:_diagnose",),
-    "failures": ("sada_gym.attack:list_and_tell",),
-    "report": ("sada_gym.attack:report_attack",),
-    "privileged agent": ("sada_gym.experiment.run:feasible_worlds",),
+    "diagnosis": ("sada_gym.analyses.diagnose:find_weaknesses",),
+    "failures": ("sada_gym.analyses.diagnose:list_failures", "sada_gym.analyses.diagnose:tell"),
+    "report": ("sada_gym.attacks:report_attack",),
+    "privileged agent": ("sada_gym.experiment.algorithm:feasible_worlds",),
 }
 
 

@@ -10,8 +10,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped import Attribute, ObservationDelay
 
 TRAINING_STEPS = 60_000
@@ -60,11 +59,9 @@ def make_application(agent: PPO) -> GymnasiumApplication:
 def main() -> None:
     """Train the agent, attack it, and say how often it fails."""
     application = make_application(train())
-    result = attack(
-        application, "level-set", budget=1_000, seed=0, out="runs/cartpole", resume=True
-    )
-    print(f"{result.report.afr:.0%} of the new worlds fool the agent")
-    print(f"pictures of them: {result.folder}/fooled.png")
+    run = attack(application, "level-set", budget=1_000, seed=0, out="runs/cartpole", resume=True)
+    print(f"{run.result.afr:.0%} of the new worlds fool the agent")
+    print(f"pictures of them: {run.folder}/fooled.png")
 
 
 if __name__ == "__main__":

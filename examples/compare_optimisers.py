@@ -14,11 +14,11 @@ import cmaes
 import numpy as np
 import optuna
 
+from sada_gym import attack
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureAdversary
 from sada_gym.adversaries.models.mixture import fit_best_mixture
 from sada_gym.adversaries.query_pool import evaluate
-from sada_gym.attack import attack
 from sada_gym.evaluations import Evaluations
 
 BATCH = 10  # queries at a time
@@ -92,7 +92,7 @@ def main() -> None:
             found = attack(
                 "SADA-Digits-3-v0", adversary, budget=1_000, seed=seed, out=out, resume=True
             )
-            rows.append([found.report.afr, found.report.relative_coverage or 0.0])
+            rows.append([found.result.afr, found.result.relative_coverage or 0.0])
         afr, coverage = 100 * np.mean(rows, axis=0)
         print(f"| `{name}` | {afr:.0f} | {coverage:.0f} |", flush=True)
     print("AFR: the share of 250 new samples that fool the agent")

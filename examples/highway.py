@@ -10,8 +10,7 @@ training one takes longer than this whole example, which takes three minutes.
 import highway_env  # noqa: F401 - registers highway-fast-v0
 import numpy as np
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped import Config, ObservationDropout
 
 LEFT, IDLE, RIGHT, FASTER, SLOWER = range(5)
@@ -63,8 +62,8 @@ application = GymnasiumApplication(
 
 
 if __name__ == "__main__":
-    result = attack(
+    run = attack(
         application, "random", budget=0, samples=100, seed=0, out="runs/highway", resume=True
     )
-    print(f"{result.report.afr:.0%} of the worlds fool the driver")
-    print(f"pictures of them: {result.folder}/fooled.png")
+    print(f"{run.result.afr:.0%} of the worlds fool the driver")
+    print(f"pictures of them: {run.folder}/fooled.png")

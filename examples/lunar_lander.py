@@ -13,8 +13,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped import Keyword, ObservationDelay
 
 ZIP = Path(__file__).with_name("lander.zip")
@@ -59,11 +58,11 @@ def main() -> None:
     """Train the agent if need be, attack it, and say how often it fails."""
     if not ZIP.exists():
         train()
-    result = attack(
+    run = attack(
         make_application(), "level-set", budget=1_000, seed=0, out="runs/lunar-lander", resume=True
     )
-    print(f"{result.report.afr:.0%} of the new worlds fool the agent")
-    print(f"pictures of them: {result.folder}/fooled.png")
+    print(f"{run.result.afr:.0%} of the new worlds fool the agent")
+    print(f"pictures of them: {run.folder}/fooled.png")
 
 
 if __name__ == "__main__":

@@ -10,8 +10,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import AttackResult, attack
+from sada_gym import GymnasiumApplication, Run, attack
 from sada_gym.envs.wrapped import ObservationDelay
 from sada_gym.training import FailureCurriculum
 
@@ -36,13 +35,13 @@ def make_application(agent: PPO) -> GymnasiumApplication:
     )
 
 
-def find_failures(agent: PPO, number: int) -> AttackResult:
+def find_failures(agent: PPO, number: int) -> Run:
     """Attack the agent as it is, and say how often it fails."""
     folder = f"runs/mend-cartpole/{number}"
     application = make_application(agent)
-    result = attack(application, "level-set", budget=BUDGET, out=folder, resume=True)
-    print(f"round {number}: {result.report.afr:.0%} of the new worlds fool the agent")
-    return result
+    run = attack(application, "level-set", budget=BUDGET, out=folder, resume=True)
+    print(f"round {number}: {run.result.afr:.0%} of the new worlds fool the agent")
+    return run
 
 
 def main() -> None:

@@ -8,8 +8,7 @@ times.
 
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from sada_gym import agents
-from sada_gym.attack import attack
+from sada_gym import agents, attack
 from sada_gym.determinism import one_thread
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.training import curriculum_vec_env
@@ -41,8 +40,8 @@ def main() -> None:
 
     given = {"env_kwargs": {"agent": driver}, "out": f"{FOLDER}/after"}
     second = attack(TRACK, "level-set", budget=BUDGET, resume=True, **given)
-    for name, result in (("ppo", first), ("the mended driver", second)):
-        print(f"{result.report.afr:.0%} of the new worlds fool {name}")
+    for name, run in (("ppo", first), ("the mended driver", second)):
+        print(f"{run.result.afr:.0%} of the new worlds fool {name}")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.training import FailureCurriculum
 
 FOLDER = Path(__file__).parent
@@ -39,8 +39,8 @@ def find_failures(agent: str) -> str:
     toml = FOLDER / f"{agent}.toml"
     toml.write_text(TOML.format(agent=f"{agent}.zip"), encoding="utf-8")
     folder = f"runs/mend-lander/{agent}"
-    result = attack(str(toml), "level-set", budget=BUDGET, out=folder, resume=True)
-    print(f"{result.report.afr:.0%} of the new worlds fool {agent}")
+    run = attack(str(toml), "level-set", budget=BUDGET, out=folder, resume=True)
+    print(f"{run.result.afr:.0%} of the new worlds fool {agent}")
     return str(toml)
 
 

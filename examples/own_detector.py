@@ -16,7 +16,7 @@ Such a network is slow on a processor: begin with a budget of 100.
 import torch
 from torch import Tensor
 
-from sada_gym.attack import attack
+from sada_gym import attack
 
 CAR = 3  # the number that this detector gives a car; torchvision's COCO models give it the same
 
@@ -61,11 +61,11 @@ def main() -> None:
     found = attack(
         env, "random", budget=0, samples=100, env_kwargs=world, out="runs/any-car", resume=True
     )
-    print(f"{found.report.afr:.0%} of random worlds fool the detector")
+    print(f"{found.result.afr:.0%} of random worlds fool the detector")
     found = attack(
         env, "level-set", budget=1_000, env_kwargs=world, out="runs/missed-car", resume=True
     )
-    print(f"{found.report.afr:.0%} of the learnt worlds fool it")
+    print(f"{found.result.afr:.0%} of the learnt worlds fool it")
     print(f"pictures of them: {found.folder}/fooled.png")
 
 

@@ -6,14 +6,14 @@ It takes half a minute. Such a short training teaches little: the driver leaves 
 import gymnasium as gym
 from stable_baselines3 import PPO
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.sb3_vec_env import SB3VecEnv
 
 env = SB3VecEnv(gym.make_vec("SADA-DrivingTask-v0", num_envs=16))
 driver = PPO("MultiInputPolicy", env, n_steps=32, batch_size=128, seed=0, device="cpu")
 driver.learn(512)
 
-result = attack(
+run = attack(
     "SADA-Driving-Straight-v0",
     "random",
     env_kwargs={"agent": driver},
@@ -22,4 +22,4 @@ result = attack(
     out="runs/own-driver",
     resume=True,
 )
-print(f"uniform worlds fool it in {100 * result.report.afr:.0f} % of cases")
+print(f"uniform worlds fool it in {100 * run.result.afr:.0f} % of cases")

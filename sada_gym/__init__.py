@@ -15,23 +15,34 @@ from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.registration import env_ids, register_environments, tracks
 
 if TYPE_CHECKING:
+    from sada_gym.adversaries.base import Adversary
     from sada_gym.agents.remote.server import serve
+    from sada_gym.analyses.diagnose import diagnose
+    from sada_gym.attacks import attack
     from sada_gym.behaviour import Behaviour
     from sada_gym.envs.wrapped.application import GymnasiumApplication
+    from sada_gym.evaluation.oracle import Oracle
+    from sada_gym.run import Run, load_run
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Adversary",
     "Application",
     "Behaviour",
     "Frame",
     "GymnasiumApplication",
+    "Oracle",
     "Outcomes",
     "Parameter",
     "ParameterSpace",
+    "Run",
     "Scored",
     "__version__",
+    "attack",
+    "diagnose",
     "env_ids",
+    "load_run",
     "make_application",
     "register_environments",
     "serve",
@@ -41,8 +52,14 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "Adversary": "adversaries.base",
         "Behaviour": "behaviour",
         "GymnasiumApplication": "envs.wrapped.application",
+        "Oracle": "evaluation.oracle",
+        "Run": "run",
+        "attack": "attacks",
+        "diagnose": "analyses.diagnose",
+        "load_run": "run",
         "serve": "agents.remote.server",
     },
 )

@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import Self
 
-from sada_gym.experiment.run import RunProgress, Stage
+from sada_gym.experiment.algorithm import RunProgress, Stage
 
 COMPILING = "Compiling kernels for the first run (about a minute)"
 LINE_EVERY_S = 30.0

@@ -19,16 +19,16 @@ from sada_gym.cards import fetchable
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
 from sada_gym.evaluation.stored import OnScores, stored_scores
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.finished import check_samples, open_target, read_run, run_folders
-from sada_gym.experiment.folder import ELSEWHERE_FILE, write_samples
 from sada_gym.experiment.names import card_of, check_spelling
-from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import Strict, as_path, read_model, write_model
 from sada_gym.ids import names_file
 from sada_gym.mapping import map_samples
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.run import Run
+from sada_gym.run.folder import ELSEWHERE_FILE, write_samples
+from sada_gym.run.run import as_run, as_runs
 
 CONFIRMED_FILE = "confirmed.json"
 _FEWEST_RANKS = 3
@@ -91,7 +91,7 @@ class Confirmation:
 
 
 def transfer(
-    runs: str | Path | Sequence[str | Path],
+    runs: Run | str | Path | Sequence[Run | str | Path],
     to: str | Application | Sequence[str | Application] = (),
     *,
     agent: str | None = None,
@@ -110,7 +110,7 @@ def transfer(
     folder, so that a call that was stopped goes on where it was.
 
     Args:
-        runs: The folders that `attack` wrote.
+        runs: Runs, or their folders.
         to: Ids, TOML files or applications. None of them means each run's own track, with another
             agent or other keywords.
         agent: The agent there. By default it is the run's, where it is shipped for that track, and
@@ -121,14 +121,14 @@ def transfer(
             application differ in nothing else.
         workers: 1 evaluates in this process, more in as many others.
         executor: Where workers run, see `Oracle`.
-        application: What the runs attacked, where they cannot say it, see `replay`.
+        application: What the runs attacked, where they cannot say it, see `Run.open`.
         on_scores: See `OnScores`.
 
     Raises:
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
             the parameters there have other names, units or choices.
     """
-    folders, targets = run_folders(runs), _listed(to)
+    attacked, targets = as_runs(runs), _listed(to)
     keywords = {} if env_kwargs is None else dict(env_kwargs)
     check_keywords("env_kwargs", keywords)
     _check_agent(agent, keywords, targets)
@@ -139,20 +139,19 @@ def transfer(
         )
     for target in targets:
         check_spelling(target, None, {**keywords, **({} if agent is None else {"agent": agent})})
-    call = f"sada_gym.transfer.transfer({str(folders[0])!r}, ..., application=YOURS)"
     settled = _Progress(on_scores)
     tasks: list[_Task] = []
     with ExitStack() as stack:
         opened: dict[object, OpenTarget] = {}
-        for folder in folders:
-            run = _Run.read(folder, samples, seed, application, call)
+        for run in attacked:
+            wanted = _Wanted.of(run, samples, seed, application)
             for target in targets or [None]:
                 with_agent = agent or _own_agent(run.target, target)
-                key = (folder if target is None else target, with_agent)
+                key = (run.folder if target is None else target, with_agent)
                 if key not in opened:
                     there = _open(run, target, keywords, with_agent, workers, executor)
                     opened[key] = stack.enter_context(there)
-                tasks.append(_Task.of(run, opened[key], keywords))
+                tasks.append(_Task.of(wanted, opened[key], keywords))
         settled.total = sum(len(task.mu) for task in tasks)
         for there in opened.values():
             there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
@@ -160,7 +159,7 @@ def transfer(
 
 
 def confirm(
-    run: str | Path,
+    run: Run | str | Path,
     env_kwargs: Mapping[str, Any],
     *,
     samples: int | None = None,
@@ -176,7 +175,7 @@ def confirm(
     was stopped goes on where it was.
 
     Args:
-        run: The folder that `attack` wrote for an id.
+        run: A run of an id, or its folder.
         env_kwargs: The keywords that change, such as `{"renderer": "blender"}`; all others stay.
         samples: Takes the first so many; None takes all.
         out: Another name for confirmed.json; the arrays lie beside it.
@@ -189,7 +188,7 @@ def confirm(
             opened as it was.
         FileError: If the file holds another confirmation.
     """
-    folder = as_path(run, "a run's folder")
+    attacked = as_run(run)
     check_keywords("env_kwargs", env_kwargs)
     keywords = dict(env_kwargs)
     if not keywords:
@@ -197,19 +196,19 @@ def confirm(
             "Expected keywords that change the world, got none. Name one, such as --env-kwargs "
             "renderer=blender."
         )
-    path = folder / CONFIRMED_FILE if out is None else _json_path(out)
+    path = attacked.folder / CONFIRMED_FILE if out is None else _json_path(out)
     agent = keywords.pop("agent", None)
     given = dict(env_kwargs)
     _check_agent(agent, {}, ())
-    opened_run = _Run.read(folder, samples, None, None, "sada_gym.transfer.transfer(RUN, YOURS)")
-    own = agent or opened_run.target.agent
-    with _open(opened_run, None, keywords, own, workers, executor) as there:
-        if there.target.application == opened_run.target.application:
+    wanted = _Wanted.of(attacked, samples, None, None)
+    own = agent or attacked.target.agent
+    with _open(attacked, None, keywords, own, workers, executor) as there:
+        if there.target.application == attacked.target.application:
             raise UserError(
                 f"Expected keywords that change the world, got {given}, with which it is the one "
-                f"that the run in {folder} attacked. Give others."
+                f"that the run in {attacked.folder} attacked. Give others."
             )
-        task = _Task.of(opened_run, there, given)
+        task = _Task.of(wanted, there, given)
         _check_same(path, task)
         there.evaluator.expect(len(task.mu))
         settled = _Progress(on_scores, len(task.mu))
@@ -242,74 +241,64 @@ class _Progress:
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
-    """A finished run: its samples, as many as are wanted, and the space they lie in."""
+class _Wanted:
+    """The samples of a run that are wanted, their seeds elsewhere, and the space they lie in."""
 
-    folder: Path
-    settings: RunSettings
+    run: Run
     samples: Evaluations
     seeds: list[int]
     parameters: ParameterSpace
 
-    @property
-    def target(self) -> Target:
-        return self.settings.experiment.target
-
     @classmethod
-    def read(
-        cls,
-        folder: Path,
-        count: int | None,
-        seed: int | None,
-        application: Application | str | None,
-        call: str,
+    def of(
+        cls, run: Run, count: int | None, seed: int | None, application: Application | str | None
     ) -> Self:
-        settings, samples = read_run(folder)
+        samples = run.samples
         if count is not None:
             check_integer("samples", count, 1, len(samples))
             samples = samples[:count]
-        with open_target(settings, folder, application, call=call) as opened:
-            check_samples(samples, opened)
+        with run.open(application) as opened:
             mu = opened.parameters.validate(samples.mu)
         seeds = samples.seed.tolist()
         if seed is not None:
             check_integer("seed", seed, 0)
             seeds = evaluation_seeds(seed, "validation", 0, len(samples))
         samples = Evaluations(mu, samples.score, samples.seed, samples.invalid)
-        return cls(folder, settings, samples, seeds, opened.parameters)
+        return cls(run, samples, seeds, opened.parameters)
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
     """The samples of a run, as mu of the world in which they are to be scored."""
 
-    run: _Run
+    wanted: _Wanted
     there: OpenTarget
     keywords: dict[str, Any]
     mu: Mu
     clipped: dict[str, int]
 
     @classmethod
-    def of(cls, run: _Run, there: OpenTarget, keywords: dict[str, Any]) -> Self:
+    def of(cls, wanted: _Wanted, there: OpenTarget, keywords: dict[str, Any]) -> Self:
+        place = str(wanted.run.folder)
         mu, clipped = map_samples(
-            run.samples.mu, run.parameters, there.parameters, str(run.folder), str(there.target)
+            wanted.samples.mu, wanted.parameters, there.parameters, place, str(there.target)
         )
-        return cls(run, there, keywords, mu, clipped)
+        return cls(wanted, there, keywords, mu, clipped)
 
     def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
-        run, there = self.run, self.there
+        wanted, run, there = self.wanted, self.wanted.run, self.there
         with settled.counting() as report:
             score, invalid = stored_scores(
-                there.evaluator, self.mu, run.seeds, run.folder / ELSEWHERE_FILE, report
+                there.evaluator, self.mu, wanted.seeds, run.folder / ELSEWHERE_FILE, report
             )
-        scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64), invalid)
-        valid = ~(run.samples.invalid | invalid)
+        scored = Evaluations(self.mu, score, np.array(wanted.seeds, np.int64), invalid)
+        valid = ~(wanted.samples.invalid | invalid)
         if not valid.any():
             raise UserError(
                 f"Expected samples of {run.folder} whose worlds are valid there as well, got none "
                 f"in {there.target}. Choose another one."
             )
-        old, new = run.samples[valid], scored[valid]
+        old, new = wanted.samples[valid], scored[valid]
         here = old.fooled(run.target.fooling_threshold)
         fooled = new.fooled(there.target.fooling_threshold)
         known, others = int(here.sum()), int((~here).sum())
@@ -340,7 +329,7 @@ def _rank_correlation(here: Floats, there: Floats) -> float | None:
 
 
 def _open(
-    run: _Run,
+    run: Run,
     target: str | Application | None,
     keywords: Mapping[str, Any],
     agent: str | None,
@@ -350,13 +339,13 @@ def _open(
     options: dict[str, Any] = {"agent": agent, "workers": workers, "executor": executor}
     if target is not None:
         return OpenTarget.of(target, keywords, **options)
-    if {"environment", "order"} <= set(run.target.application.settings):
+    if run.given.by != "id":
         raise UserError(
             f"Expected a run of an id, whose keywords can change, got that of {run.folder} in an "
             "application of yours. Describe the other world in a file of its own, and name that "
             "by `sada-gym transfer --to FILE.toml`."
         )
-    return run.target.open_changed(keywords, **options)
+    return run.open_changed(keywords, **options)
 
 
 def _own_agent(here: Target, target: str | Application | None) -> str | None:

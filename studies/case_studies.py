@@ -16,7 +16,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.files import write_file
 from sada_gym.measures.rates import FoolingRate, lead_interval
 from sada_gym.transfer import Comparison, Rate, transfer

@@ -31,8 +31,7 @@ import gymnasium as gym
 import numpy as np
 import stable_baselines3
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import (
     ActionNoise,
@@ -353,7 +352,7 @@ def cells(case: Case, out: Path) -> Iterator[str]:
             pictures=False,
             progress=False,
         )
-        yield f"{100 * found.report.afr:.0f}"
+        yield f"{100 * found.result.afr:.0f}"
         assert_pure(application, n=PURE_WORLDS, sizes=(1, 3))
         yield "yes"
         with one_thread():

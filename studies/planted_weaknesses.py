@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from sada_gym.analyses.diagnose import default_fresh
 from sada_gym.arrays import Bools, Floats
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.grouping import grouped
 from sada_gym.diagnosis.record import Diagnosis
 from sada_gym.diagnosis.rules import holds
-from sada_gym.diagnosis.run import default_fresh
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.rates import Rate, wilson_interval
 from sada_gym.parameters import Mu

@@ -29,9 +29,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from sada_gym import GymnasiumApplication, agents
+from sada_gym import GymnasiumApplication, agents, attack
 from sada_gym.application import Application
-from sada_gym.attack import attack
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.envs.driving.agent import network as driver_network
 from sada_gym.envs.driving.application import DrivingApplication

@@ -15,7 +15,7 @@ import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.files import write_file
 from sada_gym.transfer import Comparison, confirm
 from studies.without_hits import without_hits

@@ -10,19 +10,13 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
-from sada_gym import make_application
-from sada_gym.attack import attack
+from sada_gym import attack, make_application
+from sada_gym.analyses.failures import confirm_failures, fresh_seeds
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluated, Evaluator
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import evaluation_seeds
-from sada_gym.failures import (
-    FAILURES_FILE,
-    Failures,
-    confirm_failures,
-    fresh_seeds,
-    read_failures,
-)
+from sada_gym.failures import FAILURES_FILE, Failures, read_failures
 
 ANALYTIC = "SADA-Analytic-v0"
 NOISY = {"noise": 0.2, "volume": 0.3}
@@ -179,7 +173,7 @@ def test_an_application_that_fails_to_tell_costs_no_result(tmp_path: Path, what:
 def test_of_very_many_failures_the_first_ones_are_listed_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sada_gym.failures._MOST_LISTED", 7)
+    monkeypatch.setattr("sada_gym.analyses.failures._MOST_LISTED", 7)
     result = run(tmp_path / "run", env_kwargs=NOISY, samples=100, confirm=1)
     rows = np.flatnonzero(result.samples.fooled(0.3))[:7]
     assert sorted(failure.sample for failure in result.failures.failures) == rows.tolist()

@@ -10,7 +10,6 @@ import pytest
 
 from sada_gym import files
 from sada_gym.errors import FileError
-from sada_gym.experiment.folder import read_samples
 from sada_gym.files import (
     Strict,
     read_arrays,
@@ -20,6 +19,7 @@ from sada_gym.files import (
     write_folder,
     write_model,
 )
+from sada_gym.run.folder import read_samples
 
 NEEDS_POSIX = pytest.mark.skipif(os.name != "posix", reason="needs links and pipes")
 

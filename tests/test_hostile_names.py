@@ -12,8 +12,7 @@ from gymnasium import spaces
 from made_board import CARDS, Made, make_entries
 
 from leaderboard.site import build_site
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.cli.console import PlainConsole, say
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.errors import UserError, is_plain, plain
@@ -115,7 +114,7 @@ def through_all_steps(application, name, folder):
     result = attack(
         application, "random", budget=30, samples=20, out=run, progress=False, pictures=False
     )
-    assert result.report.invalid is not None
+    assert result.result.invalid is not None
     page = report(run, out=folder / "page.html", application=application)
     suite = export(run, folder / "suite", application=application, confirm=0).path
     again = regress(suite, application)

@@ -10,9 +10,8 @@ from rich.console import Console
 from rich.text import Text
 from toy import Toy
 
-from sada_gym import adversaries, progress
-from sada_gym.attack import attack
-from sada_gym.experiment.run import RunProgress
+from sada_gym import adversaries, attack, progress
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.progress import COMPILING, AttackProgress, will_compile
 
 

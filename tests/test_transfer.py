@@ -10,14 +10,14 @@ import pytest
 from breaking_worlds import breaking, breaks
 from toy import Toy
 
-from sada_gym import Parameter, ParameterSpace, make_application
-from sada_gym.attack import attack
+from sada_gym import Parameter, ParameterSpace, attack, make_application
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.evaluator import Evaluated, Evaluator
-from sada_gym.experiment.folder import SOURCE_FILE, read_samples, write_samples
-from sada_gym.files import read_model
+from sada_gym.files import read_model, write_model
 from sada_gym.mapping import map_samples
 from sada_gym.measures.rates import attack_fooling_rate
+from sada_gym.run.folder import RunRecord, read_record, read_samples, write_samples
+from sada_gym.run.given import Given
 from sada_gym.transfer import Comparison, Transfers, confirm, transfer
 
 ANALYTIC = "SADA-Analytic-v0"
@@ -214,7 +214,10 @@ length = { kind = "attribute", low = 0.25, high = %s, unit = "m" }
         file.write_text(text % high)
     folder = run(tmp_path / "run", str(files[0]), samples=6)
     (row,) = transfer(folder, files[1]).comparisons
-    (folder / SOURCE_FILE).unlink()  # as runs of other machines have none
+    record = read_record(folder)  # as if the application had been made in Python
+    write_model(
+        folder / "attack.json", RunRecord(settings=record.settings, given=Given(by="python"))
+    )
     with pytest.raises(UserError, match=r"name that by --application FILE.toml"):
         transfer(folder, str(files[1]))
     assert (row,) == transfer(folder, files[1], application=str(files[0])).comparisons
@@ -230,11 +233,11 @@ def test_a_run_of_another_version_is_refused(analytic, tmp_path):
     for name in ("attack.json", "samples.npz"):
         (folder / name).write_bytes((analytic / name).read_bytes())
     settings = json.loads((folder / "attack.json").read_text())
-    settings["experiment"]["target"]["application"]["version"] = 7
+    settings["settings"]["experiment"]["target"]["application"]["version"] = 7
     (folder / "attack.json").write_text(json.dumps(settings))
     with pytest.raises(UserError, match="version was 7 and is 0"):
         transfer(folder, ANALYTIC)
-    settings["experiment"]["target"]["application"]["version"] = 0
+    settings["settings"]["experiment"]["target"]["application"]["version"] = 0
     (folder / "attack.json").write_text(json.dumps(settings))
     samples = read_samples(folder / "samples.npz")
     write_samples(folder / "samples.npz", samples[:0])

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sada_gym import make_application
-from sada_gym.attack import AttackResult, attack
+from sada_gym import Run, attack, make_application
 from sada_gym.replay import replay
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
@@ -67,7 +66,7 @@ VIDEOS = {
 }
 
 
-def chosen(video: Video, result: AttackResult) -> int:
+def chosen(video: Video, result: Run) -> int:
     """Choose the sample that suits best, of those whose video ends as it should."""
     application, samples = make_application(video.track), result.samples
     infos = application.evaluate(samples.mu, samples.seed.tolist()).infos

@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 from stable_baselines3 import PPO
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import AttackResult, attack
+from sada_gym import GymnasiumApplication, Run, attack
 from sada_gym.drawing import own_style
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluations import Evaluations
@@ -58,10 +57,10 @@ def applications() -> dict[str, GymnasiumApplication]:
 
 def run(
     title: str, application: GymnasiumApplication, adversary: str, samples: int = SAMPLES
-) -> tuple[AttackResult, float]:
+) -> tuple[Run, float]:
     """Attack an application; also give the seconds of one processor, 0 for what was done before."""
     began = time.process_time()
-    result = attack(
+    attacked = attack(
         application,
         adversary,
         budget=BUDGET,
@@ -71,14 +70,14 @@ def run(
         out=RUNS / f"{title}-{adversary}",
         resume=True,
     )
-    return result, time.process_time() - began
+    return attacked, time.process_time() - began
 
 
 def print_table(title: str, application: GymnasiumApplication) -> None:
     """Attack by each adversary, and print their rows."""
     for adversary in ADVERSARIES:
-        result, seconds = run(title, application, adversary)
-        report = result.report
+        attacked, seconds = run(title, application, adversary)
+        report = attacked.result
         low, high = (f"{100 * end:.0f}" for end in report.afr_interval_95)
         row = (title, f"`{adversary}`", f"{100 * report.afr:.0f} ({low} to {high})")
         print(f"| {' | '.join(row)} | {report.mu_std:.2f} | {seconds:.0f} |", flush=True)

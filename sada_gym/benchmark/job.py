@@ -16,9 +16,9 @@ from sada_gym.benchmark.plan import Group
 from sada_gym.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.experiment.algorithm import Algorithm1, OnProgress, ignore_progress
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import RunFailure, RunReport, RunSettings
-from sada_gym.experiment.run import OnProgress, Run, ignore_progress
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.plots.novelty import novelty_sheet
 from sada_gym.plots.style import png
@@ -78,7 +78,7 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
     started, worked = time.monotonic(), time.process_time()
     _forget_peak_memory()
     adversary = spec.make(evaluator.dimension, seed=settings.seed, ideal_set=group.ideal_set)
-    run = Run(
+    run = Algorithm1(
         settings,
         adversary,
         evaluator,

@@ -20,8 +20,8 @@ from pathlib import Path
 from sada_gym.benchmark.entries import Missing
 from sada_gym.benchmark.folder import Timing, store_file
 from sada_gym.benchmark.plan import Plan
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunSettings
-from sada_gym.experiment.run import RunProgress
 
 _FOLDER = ".progress"
 _TOKEN = "token"

@@ -22,8 +22,8 @@ from sada_gym.benchmark.progress import BenchmarkCallback, can_read, progress_fo
 from sada_gym.errors import UserError, WorkerError, described
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import WorkerPool
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunSettings
-from sada_gym.experiment.run import RunProgress
 
 _POLL_EVERY_S = 0.25
 _DEATHS = 3

@@ -31,7 +31,7 @@ from sada_gym.experiment.names import check_spelling, default_note
 from sada_gym.ids import names_file
 
 if TYPE_CHECKING:
-    from sada_gym.attack import AttackResult
+    from sada_gym.run import Run
 
 _MAX_WORKERS = 8  # more seldom help, and each holds its own simulator
 
@@ -103,7 +103,7 @@ def attack(
             say(f"{folder} holds a finished run. It is read, not done again.", console=err)
         if confirm:
             say(f"Each failure costs {confirm} more evaluations, to confirm it.", console=err)
-        from sada_gym.attack import attack as run_attack
+        from sada_gym.attacks import attack as run_attack
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.progress import AttackProgress
 
@@ -113,7 +113,7 @@ def attack(
                 open_executor(executor, workers or min(cores(), _MAX_WORKERS)) as opened,
                 AttackProgress(err) as progress,
             ):
-                result = run_attack(
+                run = run_attack(
                     env_id,
                     adversary,
                     executor=opened.executor,
@@ -135,15 +135,15 @@ def attack(
             _show_stop(folder)
             raise typer.Exit(stop_code(stop)) from None
     if as_json:
-        print_json(result.report)
+        print_json(run.result)
     else:
-        _show_result(result)
+        _show_result(run)
 
 
 def _show_stop(folder: Path) -> None:
     from sada_gym.errors import StoreError
     from sada_gym.evaluation.store import EvaluationStore
-    from sada_gym.experiment.folder import STORE_FILE
+    from sada_gym.run.folder import STORE_FILE
 
     path, kept = folder / STORE_FILE, "No evaluation"
     if path.exists():
@@ -158,17 +158,13 @@ def _show_stop(folder: Path) -> None:
         show_resume_hint(f"{kept} are kept in {path}.", "--resume")
 
 
-def _show_result(result: AttackResult) -> None:
+def _show_result(run: Run) -> None:
     from rich.text import Text
 
-    from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
+    from sada_gym.run.summary import AFR, results_line, title
 
-    say(title(result.report), lead="[bold]")
-    rows = list(
-        summary_rows(
-            result.report, result.further_rows(), where=result.where_rows(), space=result.parameters
-        )
-    )
+    say(title(run.result), lead="[bold]")
+    rows = list(run.rows())
     indent = 5 + max(len(name) for name, _ in rows)
     narrow = out.is_terminal and out.width < 2 * indent
     for name, text in rows:
@@ -180,4 +176,4 @@ def _show_result(result: AttackResult) -> None:
             "not dim bold" if name in (AFR, "where") or name.startswith("weakness") else "not dim",
         )
         out.print(line, soft_wrap=True)
-    say(results_line(result.folder, result.files))
+    say(results_line(run.folder, run.files))

@@ -15,8 +15,8 @@ from sada_gym.benchmark.plan import Plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.cli.console import say
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunSettings
-from sada_gym.experiment.run import RunProgress
 from sada_gym.progress import COMPILING, Display, clock, will_compile
 
 _WINDOW_S = 30.0

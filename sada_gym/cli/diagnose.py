@@ -40,9 +40,10 @@ def diagnose(
     goes on after a stop.
     """
     with errors_as_sentences():
-        from sada_gym.diagnosis.run import diagnose as find
+        from sada_gym.analyses.diagnose import diagnose as find
         from sada_gym.diagnosis.summary import details
-        from sada_gym.report.make import REPORT_FILE, report
+        from sada_gym.report.make import report
+        from sada_gym.run.folder import REPORT_FILE
 
         with scores_progress() as progress:
             diagnosis = find(

@@ -103,18 +103,21 @@ class Target(Strict):
             UserError: If it cannot be opened, or is not the same.
         """
         if environment is None or _is_id(environment):
-            evaluator = self._reopened(str(environment or self.track), workers)
-        else:
-            evaluator = Evaluator(environment, workers=workers)
+            return self.opened(self._reopened(str(environment or self.track), workers))
+        return self.opened(Evaluator(environment, workers=workers))
+
+    def opened(self, evaluator: Evaluator) -> OpenTarget:
+        """Take an evaluator of the same application; a UserError if it is of another one."""
         try:
             application = evaluator.application
             if application is None:
                 raise UserTypeError(
-                    "Expected an Application, an environment's id or a TOML file, got "
-                    f"{environment!r}."
+                    f"Expected an application, an id or a TOML file, got a function for {self}."
                 )
+            then, now = self.application, ApplicationKey.of(application)
             changes = differences(
-                self.application.model_dump(), ApplicationKey.of(application).model_dump()
+                {"agent": self.agent, **then.model_dump()},
+                {"agent": application.agent_name, **now.model_dump()},
             )
             if changes:
                 raise UserError(
@@ -125,16 +128,6 @@ class Target(Strict):
             evaluator.close()
             raise
         return OpenTarget(self, evaluator)
-
-    def open_changed(
-        self, env_kwargs: Mapping[str, Any], *, agent: str | None = None, **options: Any
-    ) -> OpenTarget:
-        """Open the same track with other keywords, or another agent, than it was attacked with.
-
-        All other keywords stay. `options` are those of `OpenTarget.of`, whose errors it raises.
-        """
-        keywords = {**self.env_kwargs(), **env_kwargs}
-        return OpenTarget.of(self.track, keywords, agent=agent or self.agent, **options)
 
     def env_kwargs(self) -> dict[str, Any]:
         """Find the keywords that its id was attacked with; a UserError if it cannot be opened."""

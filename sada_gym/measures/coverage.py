@@ -168,7 +168,7 @@ def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[F
 
 def _distances(points: Floats, others: Floats) -> Iterator[tuple[slice, Floats]]:
     """Measure how far points (n, d) lie from others (m, d), block by block of (rows, m)."""
-    from scipy.spatial.distance import cdist  # `import sada_gym.attack` stays light
+    from scipy.spatial.distance import cdist  # `sada_gym.attack` stays light
 
     size = max(1, _BLOCK // max(len(others), 1))
     for start in range(0, len(points), size):

@@ -15,22 +15,12 @@ from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.application import Application
 from sada_gym.arrays import Indices
 from sada_gym.diagnosis.grouping import by_weakness
-from sada_gym.diagnosis.record import Weakness, diagnosed_before
+from sada_gym.diagnosis.record import Weakness
 from sada_gym.errors import FileError, UserError, check_integer, plain
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.finished import (
-    check_samples,
-    open_target,
-    read_run,
-    run_folders,
-    source_of,
-)
-from sada_gym.experiment.folder import ELSEWHERE_FILE, read_finished
-from sada_gym.experiment.record import RunSettings
-from sada_gym.experiment.target import OpenTarget, Target
-from sada_gym.files import MAX_TOML_BYTES, file_errors, parse_toml, read_file, shown
-from sada_gym.ids import names_file
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.files import file_errors, parse_toml, shown
 from sada_gym.measures.groups import match, places, spread
 from sada_gym.parameters import Mu
 from sada_gym.regression.compare import verdict_of
@@ -45,6 +35,10 @@ from sada_gym.regression.suite import (
     suite_path,
     write_suite,
 )
+from sada_gym.run import Run
+from sada_gym.run.folder import ELSEWHERE_FILE
+from sada_gym.run.given import Given
+from sada_gym.run.run import as_runs
 
 MOST_IN_GROUP, FEWEST_IN_GROUP = 40, 10
 MOST_FAILURES = 100
@@ -74,7 +68,7 @@ class _World:
 
 
 def export(
-    runs: str | Path | Sequence[str | Path],
+    runs: Run | str | Path | Sequence[Run | str | Path],
     out: str | Path,
     *,
     confirm: int = 3,
@@ -91,10 +85,10 @@ def export(
     first run's folder, so that a call that was stopped goes on where it was.
 
     Args:
-        runs: The folders that `attack` wrote, of one track and agent.
+        runs: Runs of one track and agent, or their folders.
         out: The suite's file, which ends in .json, or the folder for its `suite.json`.
         confirm: The number of fresh seeds; 0 takes the run's own seed instead.
-        application: What the runs attacked, where they cannot say it, see `replay`.
+        application: What the runs attacked, where they cannot say it, see `Run.open`.
         workers: 1 evaluates in this process, more in as many others.
         on_scores: See `OnScores`.
 
@@ -102,23 +96,21 @@ def export(
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, the
             runs attacked different things, or nothing failed.
     """
-    folders = run_folders(runs)
+    read = as_runs(runs)
     check_integer("confirm", confirm, 0, 1_000)
     path = suite_path(out)
-    call = f"sada_gym.regression.export.export({str(folders[0])!r}, ..., application=YOURS)"
-    read = [(folder, *read_run(folder)) for folder in folders]
-    settings, target = read[0][1], read[0][1].experiment.target
-    _check_one_target([run for _, run, _ in read], [folder for folder, *_ in read])
-    with open_target(settings, read[0][0], application, call=call, workers=workers) as opened:
+    first = read[0]
+    _check_one_target(read)
+    with first.open(application, workers=workers) as opened:
         known = _known(read, opened)
-        weaknesses = _weaknesses(folders)
-        chooser = _Chooser(opened, known, settings, read[0][0], weaknesses, confirm, on_scores)
+        chooser = _Chooser(opened, known, first, _weaknesses(read), confirm, on_scores)
         cases, groups, unconfirmed = chooser.choose()
+        given = first.given if application is None else Given.of(application, {})
         suite = Suite(
-            sources=tuple(f"{run} ({shown(folder.name)})" for folder, run, _ in read),
-            test_item=_item(target, read[0][0], application, path, settings.packages),
+            sources=tuple(f"{run.settings} ({shown(run.folder.name)})" for run in read),
+            test_item=_item(first, given, path),
             logical_scenario=tuple(map(Ranged.of, opened.parameters.parameters)),
-            pass_criterion=criterion(target.fooling_threshold),
+            pass_criterion=criterion(first.target.fooling_threshold),
             groups=groups,
             unconfirmed=unconfirmed,
             test_cases=cases,
@@ -136,21 +128,20 @@ class _Chooser:
         self,
         opened: OpenTarget,
         known: Evaluations,
-        settings: RunSettings,
-        folder: Path,
+        run: Run,
         weaknesses: Sequence[Weakness],
         confirm: int,
         on_scores: OnScores,
     ) -> None:
-        self._opened, self._known, self._seed = opened, known, settings.seed
-        self._threshold = settings.experiment.target.fooling_threshold
-        self._folder, self._confirm, self._on_scores = folder, confirm, on_scores
+        self._opened, self._known, self._seed = opened, known, run.settings.seed
+        self._threshold = run.target.fooling_threshold
+        self._folder, self._confirm, self._on_scores = run.folder, confirm, on_scores
         self._weaknesses, self._drawn = weaknesses, 0
         self._fooled = known.fooled(self._threshold)
         self._points = places(known.mu, opened.parameters)
         if not self._fooled.any():
             raise UserError(
-                f"Expected a run with failures, got {len(known):,} worlds in {folder}, none of "
+                f"Expected a run with failures, got {len(known):,} worlds in {run.folder}, none of "
                 "which fooled the agent. Attack it with a larger budget or another adversary."
             )
 
@@ -239,69 +230,50 @@ class _Chooser:
         )
 
 
-def _weaknesses(folders: Sequence[Path]) -> list[Weakness]:
+def _weaknesses(runs: Sequence[Run]) -> list[Weakness]:
     """Return the weaknesses that runs' diagnoses name, each rule once."""
-    diagnoses = filter(None, map(diagnosed_before, folders))
+    diagnoses = filter(None, (run.diagnosis for run in runs))
     named = (weakness for diagnosis in diagnoses for weakness in diagnosis.weaknesses)
     return [*{weakness.text: weakness for weakness in named}.values()]
 
 
-def _known(
-    read: Sequence[tuple[Path, RunSettings, Evaluations]], opened: OpenTarget
-) -> Evaluations:
+def _known(runs: Sequence[Run], opened: OpenTarget) -> Evaluations:
     """Join the samples and training queries of runs; each world once."""
     records = []
-    for folder, settings, samples in read:
-        check_samples(samples, opened)
-        opened.parameters.validate(samples.mu)
-        finished = read_finished(folder, settings, opened.dimension)
-        records += [samples] if finished is None else [samples, finished[2]]
+    for run in runs:
+        run.check_samples(opened)
+        records += [run.samples] if run.queries is None else [run.samples, run.queries]
     joined = Evaluations.joined(records)
     _, first = np.unique(joined.mu, axis=0, return_index=True)
     return joined[np.sort(first)]
 
 
-def _check_one_target(runs: Sequence[RunSettings], folders: Sequence[Path]) -> None:
-    first = runs[0].experiment.target
-    for run, folder in zip(runs[1:], folders[1:], strict=True):
-        other = run.experiment.target
-        if (other.track, other.application) != (first.track, first.application):
+def _check_one_target(runs: Sequence[Run]) -> None:
+    first = runs[0].target
+    for run in runs[1:]:
+        if (run.target.track, run.target.application) != (first.track, first.application):
             raise UserError(
                 f"Expected runs that attacked one agent in one application, got {first} in "
-                f"{folders[0]} and {other} with other settings or weights in {folder}. Export "
-                "them one by one."
+                f"{runs[0].folder} and {run.target} with other settings or weights in "
+                f"{run.folder}. Export them one by one."
             )
 
 
-def _item(
-    target: Target,
-    folder: Path,
-    given: Application | str | None,
-    suite: Path,
-    packages: dict[str, str],
-) -> Item:
-    source = source_of(folder) if given is None else given
-    if isinstance(source, str) and names_file(source):
-        path = Path(source)
-        content = read_file(path, MAX_TOML_BYTES)
-        return Item(
-            opened_by="toml",
-            target=target,
-            env_kwargs={},
-            toml=content.decode("utf-8-sig"),
-            folder=_relative(path.parent, suite),
-            agent_file=_file(parse_toml(content, path).get("agent"), path.parent, suite),
-            packages=packages,
-        )
-    by_id = not isinstance(source, Application)
+def _item(run: Run, given: Given, suite: Path) -> Item:
+    path, agent = Path("x"), run.target.agent if given.by == "id" else None
+    toml = None
+    if given.by == "toml":
+        path = given.path
+        toml = given.toml or Given.of_file(path).toml
+        agent = parse_toml(toml.encode(), path).get("agent")
     return Item(
-        opened_by="id" if by_id else "python",
-        target=target,
-        env_kwargs=target.env_kwargs() if by_id else {},
-        toml=None,
-        folder=".",
-        agent_file=_file(target.agent, Path(), suite) if by_id else None,
-        packages=packages,
+        opened_by=given.by,
+        target=run.target,
+        env_kwargs=run.env_kwargs() if given.by == "id" else {},
+        toml=toml,
+        folder=_relative(path.parent, suite) if toml else ".",
+        agent_file=_file(agent, path.parent, suite),
+        packages=run.settings.packages,
     )
 
 

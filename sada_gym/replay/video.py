@@ -15,7 +15,6 @@ from sada_gym.clips.make import make_clip
 from sada_gym.clips.shots import Clip
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations, fools
-from sada_gym.experiment.finished import check_samples, open_target, read_run
 from sada_gym.experiment.packages import installed
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
@@ -23,6 +22,8 @@ from sada_gym.frames import Frame
 from sada_gym.replay.choice import choose
 from sada_gym.replay.gif import BYTES_PER_10_S, gif
 from sada_gym.replay.mp4 import mp4, require_encoder
+from sada_gym.run import Run
+from sada_gym.run.run import as_run
 
 SECONDS = 10.0
 MAX_SECONDS = 60.0
@@ -81,7 +82,7 @@ class Video:
 
 
 def replay(
-    run: str | Path,
+    run: Run | str | Path,
     *,
     worst: int | None = None,
     sample: int | None = None,
@@ -97,7 +98,7 @@ def replay(
     from the nominal world to the sample's.
 
     Args:
-        run: The folder that `attack` wrote.
+        run: A run, or its folder.
         worst: How many of the samples with the lowest scores to show; None shows one.
         sample: Shows one sample instead: its row in samples.npz, from 0.
         out: The file to write, `.gif` or `.mp4`; None writes none.
@@ -113,19 +114,18 @@ def replay(
         MissingExtra: If an MP4 is asked for and imageio-ffmpeg is not installed.
     """
     path = None if out is None else _check_out(out)
-    settings, samples = read_run(run)
+    finished = as_run(run)
+    samples = finished.samples
     rows = choose(samples, worst=worst, sample=sample)
     _check_seconds(seconds, len(rows))
     on_progress("open", 0, len(rows))
     timed: list[tuple[Frame, float]] = []
     played: list[ReplayedSample] = []
-    call = f"sada_gym.replay.replay({str(run)!r}, application=YOURS, out='failure.gif')"
-    with open_target(settings, Path(run), application, call=call) as target:
-        check_samples(samples, target)
+    with finished.open(application) as target:
         threshold = target.application.fooling_threshold
         for row in rows:
             on_progress("play", len(played), len(rows))
-            clip = _play(target.application, samples, row, settings, seconds)
+            clip = _play(target.application, samples, row, finished.settings, seconds)
             played.append(
                 ReplayedSample(
                     sample=row,

@@ -5,80 +5,52 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, check_integer
-from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import RunReport, RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
 from sada_gym.report.page import page
-from sada_gym.report.run import (
-    ReportedRun,
-    columns_of,
-    missing_pictures,
-    read_findings,
-    read_reported,
-    with_pictures,
-)
-from sada_gym.report.thumbnails import draw, picture_of, read_thumbnails, sample
+from sada_gym.report.read import columns_of, complete, missing_pictures, read_view, with_pictures
+from sada_gym.report.thumbnails import draw, picture_of, sample
+from sada_gym.report.views import RunView
+from sada_gym.run import Run
+from sada_gym.run.folder import REPORT_FILE
+from sada_gym.run.run import as_run
 
-REPORT_FILE = "report.html"
 MAX_PICTURES = 2_000
 
 
 def report_attack(
+    run: Run,
     application: Application,
-    settings: RunSettings,
-    outcome: tuple[RunReport, Evaluations, Evaluations],
-    folder: Path,
-    *,
-    env_kwargs: Mapping[str, Any] | None,
     frames: Mapping[int, Frame],
+    *,
     html: bool,
     on_progress: Callable[[int, int], None],
-) -> Path | None:
-    """Write worlds.csv at the end of an attack, and the report if `html` says so; return its path.
+) -> None:
+    """Write worlds.csv at the end of an attack, and the report if `html` says so.
 
     Args:
-        application: What was attacked.
-        settings: The run's.
-        outcome: Its figures, test samples and training queries.
-        folder: The run's, with what further analyses have left there.
-        env_kwargs: The keywords of the environment's id; None where no id names it.
+        run: The run, with what further analyses have left in its folder.
+        application: What it attacked.
         frames: Those that are drawn already, by the sample's row.
         html: Whether to write the report.
         on_progress: See `report`.
     """
-    result, samples, queries = outcome
-    diagnosis, failures, notes = read_findings(folder)
-    columns = columns_of(application, settings, folder, env_kwargs)
-    pictures = {sample(samples, row).key: picture_of(frame) for row, frame in frames.items()}
-    run = ReportedRun(
-        folder=folder,
-        settings=settings,
-        result=result,
-        diagnosis=diagnosis,
-        samples=samples,
-        queries=queries,
-        columns=columns,
-        pictures={**read_thumbnails(folder), **pictures},
-        failures=failures,
-        notes=tuple(notes),
-    )
-    run.write_worlds()
-    if not html:
-        return None
-    drawn = draw(application, missing_pictures(run), on_progress)
-    run = replace(run, pictures=with_pictures(run, drawn))
-    write_file(folder / REPORT_FILE, page(run))
-    return folder / REPORT_FILE
+    view = read_view(run)
+    drawn = {sample(run.samples, row).key: picture_of(frame) for row, frame in frames.items()}
+    view = replace(view, columns=columns_of(run, application), pictures={**view.pictures, **drawn})
+    view.write_worlds()
+    if html:
+        more = draw(application, missing_pictures(view), on_progress)
+        view = replace(view, pictures=with_pictures(view, more))
+        write_file(run.folder / REPORT_FILE, page(view))
 
 
 def report(
-    run: str | Path,
-    other: str | Path | None = None,
+    run: Run | str | Path,
+    other: Run | str | Path | None = None,
     *,
     out: str | Path | None = None,
     application: Application | str | None = None,
@@ -91,8 +63,8 @@ def report(
     agents in the same kind of worlds. The same runs give the same bytes.
 
     Args:
-        run: The folder that `attack` wrote.
-        other: The folder of a second run.
+        run: A run, or its folder.
+        other: A second one.
         out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html of two.
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
             opens what the run names, if it is needed and can be.
@@ -106,20 +78,18 @@ def report(
     """
     if pictures is not None:
         check_integer("pictures", pictures, 0, MAX_PICTURES)
-    folders = [as_path(run, "a run's folder")]
-    if other is not None:
-        folders.append(as_path(other, "a run's folder"))
-        if folders[0].resolve() == folders[1].resolve():
-            raise UserError(f"Expected two runs, got {run} twice. Name another, or one alone.")
-    runs: list[ReportedRun] = []
-    for folder in folders:
-        found = read_reported(folder, application, wanted=pictures, on_progress=on_progress)
+    runs = [as_run(run), *([] if other is None else [as_run(other)])]
+    if other is not None and runs[0].folder.resolve() == runs[1].folder.resolve():
+        raise UserError(f"Expected two runs, got {run} twice. Name another, or one alone.")
+    views: list[RunView] = []
+    for one in runs:
+        view = complete(read_view(one), application, wanted=pictures, on_progress=on_progress)
         try:
-            found.write_worlds()
+            view.write_worlds()
         except FileError as error:  # a folder that may only be read
-            found = replace(found, notes=(*found.notes, f"worlds.csv is left as it was. {error}"))
-        runs.append(found)
+            view = replace(view, notes=(*view.notes, f"worlds.csv is left as it was. {error}"))
+        views.append(view)
     name = REPORT_FILE if other is None else f"report-{runs[1].name}.html"
-    path = folders[0] / name if out is None else as_path(out, "the report")
-    write_file(path, page(*runs))
+    path = runs[0].folder / name if out is None else as_path(out, "the report")
+    write_file(path, page(*views))
     return path

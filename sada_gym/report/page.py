@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym import __version__
 from sada_gym.arrays import Indices
 from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.packages import installed
 from sada_gym.report.paired import different_settings, pair
-from sada_gym.report.run import ReportedRun
 from sada_gym.report.thumbnails import fitting, sample
 from sada_gym.report.views import RunView, data_uri
-from sada_gym.report.worlds import weakness_of
+from sada_gym.run.worlds import weakness_of
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -34,15 +33,17 @@ _MOST_BYTES = 1_500_000  # of their numbers
 _FOLDER = Path(__file__).parent
 
 
-def page(run: ReportedRun, other: ReportedRun | None = None) -> bytes:
+def page(view: RunView, other: RunView | None = None) -> bytes:
     """Make the page of a run, or of two side by side."""
+    more: dict[str, Any] = {}
     if other is None:
-        views = [RunView(replace(run, pictures=fitting(run.pictures)))]
-        more: dict[str, Any] = {}
+        views = [replace(view, pictures=fitting(view.pictures))]
     else:
-        run, other = (replace(one, pictures=fitting(one.pictures, 2)) for one in (run, other))
-        views = [RunView(run, "A"), RunView(other, "B")]
-        more = {"paired": pair(run, other), "differences": different_settings(run, other)}
+        views = [
+            replace(one, pictures=fitting(one.pictures, 2), letter=letter)
+            for one, letter in ((view, "A"), (other, "B"))
+        ]
+        more = {"paired": pair(*views), "differences": different_settings(*views)}
     data = [_plotted(view, len(views)) for view in views]
     style, script = (_static(name) for name in ("report.css", "report.js"))
     policy = (
@@ -58,50 +59,49 @@ def page(run: ReportedRun, other: ReportedRun | None = None) -> bytes:
         style=style,
         script=script,
         policy=policy,
-        version=__version__,
+        version=installed("sada_gym"),
         **more,
     ).encode(errors="backslashreplace")
 
 
 def _plotted(view: RunView, runs: int) -> dict[str, Any]:
     """Return what the page's program plots of a run, as JSON; arrays are little-endian base64."""
-    run = view.run
-    both = Evaluations.joined([run.samples, run.queries])
-    bytes_each = 4 * (run.samples.mu.shape[1] + 2) + 2
+    both = Evaluations.joined([view.samples, view.queries])
+    bytes_each = 4 * (view.samples.mu.shape[1] + 2) + 2
     most = min(MOST_WORLDS, _MOST_BYTES // bytes_each) // runs
-    rows = _evenly(len(run.samples), len(run.queries), most)
-    worlds, count = both[rows], int((rows < len(run.samples)).sum())
-    fooled = worlds.fooled(run.target.fooling_threshold)
+    rows = _evenly(len(view.samples), len(view.queries), most)
+    worlds, count = both[rows], int((rows < len(view.samples)).sum())
+    fooled = worlds.fooled(view.target.fooling_threshold)
     order = {name: i for i, name in enumerate(view.order)}
     pictures: dict[int, str] = {}
     for place, row in enumerate(rows[:count].tolist()):
-        key = sample(run.samples, row).key
+        key = sample(view.samples, row).key
         if key in view.shown:
             pictures[place] = f"#{view.shown[key]}"
-        elif key in run.pictures:
-            pictures[place] = data_uri(run.pictures[key])
+        elif key in view.pictures:
+            pictures[place] = data_uri(view.pictures[key])
     return {
         "name": view.name,
         "letter": view.letter,
-        "threshold": run.target.fooling_threshold,
-        "replay": shlex.join(["sada-gym", "replay", run.name]),
+        "threshold": view.target.fooling_threshold,
+        "replay": shlex.join(["sada-gym", "replay", view.run.name]),
         "parameters": [
             {**column.model_dump(), "label": column.parameter.label, "rank": order[column.name]}
-            for column in run.columns.parameters
+            for column in view.columns.parameters
         ],
         "samples": count,
         "left_out": len(both) - len(rows),
-        "rows": _pack(np.where(rows < len(run.samples), rows, rows - len(run.samples)), "<i4"),
+        "rows": _pack(np.where(rows < len(view.samples), rows, rows - len(view.samples)), "<i4"),
         "mu": _pack(worlds.mu, "<f4"),
         "score": _pack(worlds.score, "<f4"),
         "seed": _pack(worlds.seed, "<i4"),
         "verdict": _pack(np.where(worlds.invalid, 2, fooled), "u1"),
-        "weakness": _pack(weakness_of(run.rules, run.space, worlds.mu), "u1"),
-        "weaknesses": [finding.text for finding in view.findings][: len(run.rules)],
+        "weakness": _pack(weakness_of(view.rules, view.space, worlds.mu), "u1"),
+        "weaknesses": [finding.text for finding in view.findings][: len(view.rules)],
         "behaviours": {
-            place: run.told[row]
+            place: view.told[row]
             for place, row in enumerate(rows[:count].tolist())
-            if row in run.told
+            if row in view.told
         },
         "pictures": pictures,
     }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.evaluations import Evaluations
-from sada_gym.report.run import ReportedRun
+from sada_gym.report.views import RunView
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Paired:
     p_value: float | None
 
 
-def pair(first: ReportedRun, second: ReportedRun) -> Paired | None:
+def pair(first: RunView, second: RunView) -> Paired | None:
     """Compare two runs in the worlds of the same mu and seed; None where there are none.
 
     Worlds of different parameters or ranges are different worlds.
@@ -50,7 +50,7 @@ def _mcnemar(first: int, second: int) -> float | None:
     return float(binomtest(first, first + second).pvalue) if first + second else None
 
 
-def _verdicts(run: ReportedRun) -> dict[tuple[bytes, int], bool]:
+def _verdicts(run: RunView) -> dict[tuple[bytes, int], bool]:
     worlds = Evaluations.joined([run.samples, run.queries]).valid
     fooled = worlds.fooled(run.target.fooling_threshold).tolist()
     mu = np.ascontiguousarray(worlds.mu + np.float32(0.0))  # -0 is 0
@@ -58,7 +58,7 @@ def _verdicts(run: ReportedRun) -> dict[tuple[bytes, int], bool]:
     return dict(zip(keys, fooled, strict=True))
 
 
-def different_settings(first: ReportedRun, second: ReportedRun) -> list[tuple[str, str, str]]:
+def different_settings(first: RunView, second: RunView) -> list[tuple[str, str, str]]:
     """List the settings in which two runs differ, with both values."""
     ours, theirs = (_flat(run.settings.model_dump(mode="json")) for run in (first, second))
     return [

@@ -11,14 +11,14 @@ from pydantic import ValidationError
 from sada_gym import agents
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
-from sada_gym.experiment.command import attack_command
 from sada_gym.experiment.differences import differences
-from sada_gym.experiment.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
 from sada_gym.experiment.record import Experiment, RunReport
 from sada_gym.experiment.target import Target
 from sada_gym.files import first_error, read_model, shown
 from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
 from sada_gym.results.models import MAX_SEEDS, Result, SeedResult
+from sada_gym.run.command import attack_command
+from sada_gym.run.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
 from sada_gym.submission.checks import check_entry, check_same_adversary
 from sada_gym.submission.claims import refuse
 from sada_gym.submission.current import (

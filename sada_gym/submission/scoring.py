@@ -6,9 +6,9 @@ import numpy as np
 
 from sada_gym.application import feasible_worlds
 from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.algorithm import OnProgress, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import Measures, feasible_rate, measure
-from sada_gym.experiment.run import OnProgress, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.parameters import Mu
 

@@ -15,10 +15,10 @@ from typing_extensions import Self
 from sada_gym.errors import UserError, UserTypeError, check_integer
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.experiment.adversary import AdversarySpec, json_compatible
+from sada_gym.experiment.algorithm import OnProgress, ignore_progress
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment
-from sada_gym.experiment.run import OnProgress, ignore_progress
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import (
     as_path,

@@ -19,14 +19,15 @@ from sada_gym.diagnosis.rules import draw
 from sada_gym.envs.wrapped.bindings import Attribute
 from sada_gym.errors import FileError, StoreInUse, UserError, UserTypeError, check_known
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.finished import read_run
-from sada_gym.experiment.folder import ADVERSARY_FOLDER, SETTINGS_FILE, read_finished
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import shown
 from sada_gym.mapping import map_samples
 from sada_gym.measures.failure_regions import Condition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.regression.suite import SUITE_FILE, read_suite
+from sada_gym.run import Run, load_run
+from sada_gym.run.folder import SETTINGS_FILE
+from sada_gym.run.run import as_run
 from sada_gym.training.worlds import WorldSpace
 
 DRAWN = 2_000
@@ -49,37 +50,37 @@ class Source(Protocol):
         ...
 
 
-def failures(run: str | Path) -> Source:
+def failures(run: Run | str | Path) -> Source:
     """Return the failures of a finished run, samples and training queries, each world once.
 
     Raises:
         UserError: If the folder holds no finished run, or nothing in it failed.
     """
-    folder = Path(run)
-    settings, samples = read_run(folder)
-    known = samples + _queries(folder, settings, samples)
-    fooled = known.fooled(settings.experiment.target.fooling_threshold)
+    finished = as_run(run)
+    folder, known = finished.folder, finished.samples + _queries(finished)
+    fooled = known.fooled(finished.target.fooling_threshold)
     if not fooled.any():
         raise UserError(
             f"Expected a run with failures, got {len(known):,} worlds in {folder}, none of which "
             "fooled the agent. Attack it with a larger budget or another adversary."
         )
-    return _OfRun(settings, str(folder), np.unique(known.mu[fooled], axis=0))
+    return _OfRun(finished.settings, str(folder), np.unique(known.mu[fooled], axis=0))
 
 
-def weaknesses(run: str | Path) -> Source:
+def weaknesses(run: Run | str | Path) -> Source:
     """Return the weaknesses that a run's diagnosis names, each as often as its share of failures.
 
     Raises:
         UserError: If the run has no diagnosis, or that names no weakness.
     """
-    found = read_diagnosis(run).weaknesses
+    folder = run.folder if isinstance(run, Run) else run
+    found = read_diagnosis(folder).weaknesses
     if not found:
         raise UserError(
-            f"Expected a diagnosis that names weaknesses in {run}, got one without. Train on "
+            f"Expected a diagnosis that names weaknesses in {folder}, got one without. Train on "
             "failures(RUN) instead."
         )
-    return _Rules(str(run), [(weakness.conditions, weakness.share) for weakness in found])
+    return _Rules(str(folder), [(weakness.conditions, weakness.share) for weakness in found])
 
 
 def as_source(given: Any) -> Source:
@@ -94,7 +95,8 @@ def as_source(given: Any) -> Source:
     if isinstance(given, Adversary):
         return _Learnt(given, type(given).__name__)
     if isinstance(given, np.ndarray):
-        return _Given(given)
+        return _Array(given)
+    given = given.folder if isinstance(given, Run) else given
     if isinstance(given, Source):
         return given
     if not isinstance(given, str | Path) or not str(given):
@@ -111,14 +113,14 @@ def as_source(given: Any) -> Source:
             f"{SETTINGS_FILE} nor {SUITE_FILE}. Name what `sada-gym attack` or `sada-gym export` "
             "wrote."
         )
-    settings, _ = read_run(path)
-    kind = adversaries.find(settings.experiment.adversary.name)
-    adversary = kind.load(path / ADVERSARY_FOLDER)
-    return _OfRun(settings, str(path), _samples(adversary, str(path)))
+    run = load_run(path)
+    kind = adversaries.find(run.settings.experiment.adversary.name)
+    adversary = kind.load(run.adversary_folder)
+    return _OfRun(run.settings, str(path), _samples(adversary, str(path)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Given:
+class _Array:
     mu: npt.NDArray[Any]
 
     def pool(self, space: WorldSpace) -> Mu:
@@ -207,13 +209,12 @@ def _samples(adversary: Adversary, name: str) -> Mu:
         ) from error
 
 
-def _queries(folder: Path, settings: RunSettings, samples: Evaluations) -> Evaluations:
+def _queries(run: Run) -> Evaluations:
     """Read a run's training queries; wait for other processes that read them just now."""
-    dimension, end = samples.mu.shape[1], time.monotonic() + _WAIT_S
+    end = time.monotonic() + _WAIT_S
     while True:
         try:
-            finished = read_finished(folder, settings, dimension)
-            return Evaluations.empty(dimension) if finished is None else finished[2]
+            return run.queries or Evaluations.empty(run.samples.mu.shape[1])
         except StoreInUse:
             if time.monotonic() > end:
                 raise

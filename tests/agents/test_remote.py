@@ -25,6 +25,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from wrapped_toys import Reach, approach, balance, cart_pole, pendulum, reach, worlds
 
 import sada_gym
+from sada_gym import attack
 from sada_gym.agents.remote import messages
 from sada_gym.agents.remote.messages import (
     ANSWERS,
@@ -37,7 +38,6 @@ from sada_gym.agents.remote.messages import (
 )
 from sada_gym.agents.remote.places import place_of
 from sada_gym.agents.remote.spaces import describe
-from sada_gym.attack import attack
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import AgentLost, UserError
 from sada_gym.evaluation.oracle import Oracle

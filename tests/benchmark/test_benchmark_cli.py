@@ -19,7 +19,7 @@ from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import SUITES, TABLES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
-from sada_gym.experiment.run import RunProgress
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.results.entry import read_entries
 
 SMALL = ["--track", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]

@@ -14,7 +14,7 @@ from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.experiment.run import RunProgress
+from sada_gym.experiment.algorithm import RunProgress
 
 SMALL = suite("ideal", "memorise", "bench_toys:Picky", budgets=(120, 60), seeds=2)
 

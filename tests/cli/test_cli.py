@@ -556,7 +556,7 @@ def test_a_stop_that_leaves_the_store_open_says_how_to_resume(tmp_path, monkeypa
             store.close()
         raise Terminated
 
-    monkeypatch.setattr("sada_gym.attack.attack", stopped)
+    monkeypatch.setattr("sada_gym.attacks.attack", stopped)
     (tmp_path / "an out").mkdir()
     result = run("attack", "SADA-Analytic-v0", "--out", tmp_path / "an out")
     assert result.exit_code == 143

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,7 @@ def test_a_video_is_written_and_summed_up(digits, tmp_path):
     result = run("replay", digits, "--out", out, "--worst", "2", "--seconds", "2")
     assert result.exit_code == 0, result.output
     assert "Replaying sample 2 of 2" in result.stderr  # stdout is the summary alone
-    assert result.stdout.count("takes the 3 for a") == 2
+    assert result.stdout.count("a 3, taken for a") == 2
     assert f"{out}: 7.0 s" in result.stdout
     with Image.open(out) as video:
         assert video.is_animated
@@ -81,9 +82,13 @@ def test_a_toml_file_is_named(tmp_path, monkeypatch):
     assert run(*words.split()).exit_code == 0
     assert run("replay", "run", "--out", "remembered.gif").exit_code == 0
     (tmp_path / "cart.toml").rename(tmp_path / "moved.toml")
+    assert run("replay", "run", "--out", "video.gif").exit_code == 0  # by the text that is recorded
+    (tmp_path / "pole_agent.py").unlink()
+    sys.modules.pop("pole_agent")
     refused = run("replay", "run", "--out", "video.gif")
     assert refused.exit_code == 2
     assert "name that by --application FILE.toml" in refused.stderr
+    (tmp_path / "pole_agent.py").write_text("def right(state):\n    return 1\n")
     result = run("replay", "run", "--out", "video.gif", "--application", "moved.toml")
     assert result.exit_code == 0, result.output
     assert "steps" in result.stdout

@@ -10,15 +10,13 @@ from toy import Toy
 from toy_attacks import run as toy_attack
 from typer.testing import CliRunner
 
-from sada_gym import make_application
-from sada_gym.attack import attack
+from sada_gym import attack, diagnose, make_application
 from sada_gym.cli import app
-from sada_gym.diagnosis import diagnose
 from sada_gym.diagnosis.record import DIAGNOSIS_FILE, read_diagnosis
 from sada_gym.diagnosis.rules import holds
 from sada_gym.errors import FileError, Notice, UserError
-from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
 from sada_gym.failures import read_failures
+from sada_gym.run.folder import RESULT_FILE, STORE_FILE
 
 
 def command(*args):
@@ -110,7 +108,7 @@ def test_a_run_without_failures_says_so(tmp_path):
     result = toy_attack(tmp_path / "run", Toy(offset=1.0), "random")
     assert result.diagnosis.sentence == "No world fooled the agent."
     assert result.diagnosis.weaknesses == ()
-    assert result.report.where.sentence in str(result)
+    assert result.result.where.sentence in str(result)
 
 
 def test_bad_input_is_told_in_a_sentence(tmp_path, folder):

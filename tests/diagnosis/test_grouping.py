@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sada_gym.attack import attack
-from sada_gym.diagnosis import diagnose
-from sada_gym.failures import confirm_failures, read_failures
+from sada_gym import attack, diagnose
+from sada_gym.analyses.failures import confirm_failures
+from sada_gym.failures import read_failures
 
 
 @pytest.mark.parametrize(("dimension", "regions"), [(2, 1), (4, 3), (8, 2)])

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sada_gym import make_application
+from sada_gym import attack, diagnose, make_application
 from sada_gym.application import Application
-from sada_gym.attack import attack
-from sada_gym.diagnosis import diagnose
 from sada_gym.diagnosis.record import DIAGNOSIS_FILE, read_diagnosis
 from sada_gym.diagnosis.rules import holds
 
@@ -54,7 +52,7 @@ def test_a_finished_run_gets_them_later_and_plays_nothing_twice(
     def fail(*_: Any) -> Any:
         raise AssertionError("nothing is to be played")
 
-    monkeypatch.setattr("sada_gym.failures.PlayedAgain.play", fail)
+    monkeypatch.setattr("sada_gym.analyses.failures.PlayedAgain.play", fail)
     again = run(tmp_path / "run", resume=True)
     assert again.diagnosis == read_diagnosis(tmp_path / "run")
     assert again.diagnosis.weaknesses[0].confirmed is not None

@@ -20,7 +20,7 @@ from pathlib import Path
 import gymnasium as gym
 import sada_gym
 from leaderboard import tables
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.cards import find_card
 from sada_gym.replay import replay

@@ -447,5 +447,5 @@ def test_a_copy_in_another_process_is_refused(method):
 
 def test_importing_is_light():
     heavy = "('torch', 'scipy', 'matplotlib', 'pybullet')"
-    code = f"import sada_gym.attack, sys; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sada_gym.attacks, sys; print([m for m in {heavy} if m in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"

@@ -7,14 +7,14 @@ import pytest
 from toy import Greedy, Toy
 from toy_attacks import contents, run
 
-from sada_gym import adversaries
-from sada_gym.attack import RunProgress, attack
+from sada_gym import adversaries, attack
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.experiment.folder import read_samples
+from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
+from sada_gym.run.folder import read_samples
 
 LOCKED = type("Local", (Toy,), {"lock": threading.Lock()})()
 
@@ -47,7 +47,7 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert RunProgress("test", 30, 30, 0, evaluated=130) in reported
     assert [progress.evaluated for progress in reported if progress.stage == "measure"][-1] == 130
     report = read_model(result.folder / "result.json", RunReport)
-    assert report == result.report
+    assert report == result.result
     samples = read_samples(result.folder / "samples.npz")
     np.testing.assert_array_equal(samples.mu, result.samples.mu)
     replayed = Toy().evaluate(samples.mu, samples.seed.tolist())
@@ -65,7 +65,7 @@ def test_an_attack_writes_its_folder(tmp_path):
 
 
 def test_the_rate_over_feasible_worlds_is_reported_where_it_is_known(tmp_path):
-    assert run(tmp_path / "unknown").report.feasible is None
+    assert run(tmp_path / "unknown").result.feasible is None
 
     class Known(Toy):
         def privileged_score(self, mu, seeds):
@@ -75,7 +75,7 @@ def test_the_rate_over_feasible_worlds_is_reported_where_it_is_known(tmp_path):
     result = attack(Known(), "random", samples=30, out=tmp_path / "known")
     worlds = result.samples.mu[:, 0] > 0
     fooled = result.samples.score <= 0.3
-    rate = result.report.feasible
+    rate = result.result.feasible
     assert 0 < rate.fooled < rate.worlds < 30
     assert (rate.worlds, rate.fooled) == (worlds.sum(), (worlds & fooled).sum())
     assert rate.afr == rate.fooled / rate.worlds
@@ -107,7 +107,7 @@ def test_a_run_that_fails_in_its_first_evaluation_leaves_nothing(tmp_path):
 
 
 def test_the_application_says_how_many_samples(tmp_path):
-    assert run(tmp_path, samples=None).report.settings.experiment.protocol.samples == 20
+    assert run(tmp_path, samples=None).result.settings.experiment.protocol.samples == 20
 
 
 def test_no_budget_is_no_error_of_ours(tmp_path):
@@ -117,7 +117,7 @@ def test_no_budget_is_no_error_of_ours(tmp_path):
         def train(self, oracle):
             self.mean, self.std = np.zeros(3), np.ones(3)
 
-    report = run(tmp_path, adversary=Idle, budget=0).report
+    report = run(tmp_path, adversary=Idle, budget=0).result
     assert (report.novelty, report.nearest_fooling_query) == (None, None)
     assert report.search.fooling_rate is None
 
@@ -215,7 +215,7 @@ def test_a_world_that_breaks_at_once_leaves_nothing_behind(tmp_path, workers):
 def test_misspelt_names_are_told_before_anything_is_made(
     tmp_path, monkeypatch, environment, adversary, env_kwargs, message
 ):
-    monkeypatch.setattr("sada_gym.attack.OpenTarget", None)
+    monkeypatch.setattr("sada_gym.attacks.OpenTarget", None)
     with pytest.raises(ValueError, match=message):
         attack(environment, adversary, env_kwargs=env_kwargs, out=tmp_path / "a")
     assert list(tmp_path.iterdir()) == []
@@ -227,19 +227,19 @@ def test_a_result_prints_as_its_summary(tmp_path):
     assert repr(result) == text
     lines = text.splitlines()
     assert lines[0] == "Toy-v0 · greedy"
-    low, high = (100 * end for end in result.report.afr_interval_95)
-    assert f"{100 * result.report.afr:.1f} % (95 % interval {low:.1f} to {high:.1f})" in lines[1]
+    low, high = (100 * end for end in result.result.afr_interval_95)
+    assert f"{100 * result.result.afr:.1f} % (95 % interval {low:.1f} to {high:.1f})" in lines[1]
     [weakness] = result.diagnosis.weaknesses
     assert lines[2].split(None, 1)[0] == "weakness"
     assert weakness.text in lines[2]
     without = run(tmp_path / "b", diagnose=False)
-    assert ["where", without.report.where.sentence] in [
+    assert ["where", without.result.where.sentence] in [
         line.split(None, 1) for line in str(without).splitlines()
     ]
     assert "uniform worlds        not known" in text
-    assert f"novelty               median distance {result.report.novelty.median:.3f} " in text
+    assert f"novelty               median distance {result.result.novelty.median:.3f} " in text
     assert lines[-1].startswith(
-        f"Results: {tmp_path / 'a'}/ (result.json, report.html, marginals.png"
+        f"Results: {tmp_path / 'a'}/ (result.json, report.html, fooled.png, "
     )
     assert "array(" not in text
 
@@ -261,7 +261,7 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
     assert result.pictures == (tmp_path / "sheet.png",)
     assert reported[-2:] == [RunProgress("pictures"), RunProgress("pictures", 1, 2)]
     undiagnosed = run(tmp_path / "undiagnosed", pictures=True, html=False, diagnose=False)
-    assert asked["headline"] == undiagnosed.report.where.sentence != ""
+    assert asked["headline"] == undiagnosed.result.where.sentence != ""
 
 
 def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
@@ -295,7 +295,7 @@ def test_a_collapsed_sampler_is_flagged(tmp_path):
         def sample(self, n):
             return np.full((n, 3), 0.2, np.float32)
 
-    [flag] = run(tmp_path, adversary=Collapsed).report.flags
+    [flag] = run(tmp_path, adversary=Collapsed).result.flags
     assert "nearly one point" in flag
 
 

@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 from toy import Toy
 
-from sada_gym import adversaries
-from sada_gym.attack import attack
-from sada_gym.diagnosis import diagnose
+from sada_gym import adversaries, attack, diagnose
 from sada_gym.errors import Notice
 from sada_gym.regression.export import export
 from sada_gym.regression.regress import regress
@@ -47,7 +45,7 @@ def test_a_run_of_any_dimension_is_reported_diagnosed_exported_transferred_and_r
     assert suite.suite.groups == (result.diagnosis.weaknesses[0].text,)
     assert regress(suite.path, application).exit_code == 0
     (moved,) = transfer(folder, application, application=application).comparisons
-    assert moved.afr_there.fooled == result.report.fooled
+    assert moved.afr_there.fooled == result.result.fooled
     assert replay(folder, worst=1, application=application).samples
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from toy import Toy
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.nominal import SEEDS, explore_nominal, most_worlds, seeds_within
 from sada_gym.parameters import Parameter, ParameterSpace
@@ -75,7 +75,7 @@ def test_an_attack_tells_of_the_nominal_world_and_of_what_matters(tmp_path):
     result = attack(
         Pole(), "memorise", budget=300, samples=50, out=tmp_path, pictures=False, progress=False
     )
-    report = result.report
+    report = result.result
     assert report.nominal.parameters == pytest.approx(
         Pole().parameters.describe(Pole.nominal), abs=1e-6
     )
@@ -85,13 +85,13 @@ def test_an_attack_tells_of_the_nominal_world_and_of_what_matters(tmp_path):
     assert "nominal world " in text
     again = attack(Pole(), "memorise", budget=300, samples=50, out=tmp_path, resume=True,
                    pictures=False, progress=False)  # fmt: skip
-    assert again.report == report
+    assert again.result == report
 
 
 def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
     report = attack(
         Toy(), "random", budget=200, samples=50, out=tmp_path, pictures=False, progress=False
-    ).report
+    ).result
     assert report.nominal is None
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
-from sada_gym import adversaries
+from sada_gym import adversaries, attack
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
-from sada_gym.attack import attack
 from sada_gym.cards import cards, find_card
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment import packages as module

@@ -7,7 +7,7 @@ import pytest
 from sada_gym.errors import FileError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.differences import check_same_record, differences
-from sada_gym.experiment.folder import read_samples, write_samples
+from sada_gym.run.folder import read_samples, write_samples
 
 
 def test_samples_are_read_as_written(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from toy import Greedy, Toy
 from toy_attacks import contents, run
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.errors import FileError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.record import RunReport
@@ -87,7 +87,7 @@ def test_a_finished_run_is_read_and_not_done_again(tmp_path):
     again = run(tmp_path, adversary=Never, resume=True, pictures=True, on_progress=reported.append)
     assert (first.was_finished, again.was_finished) == (False, True)
     assert reported == []
-    assert again.report == first.report
+    assert again.result == first.result
     for rows, other in ((first.samples, again.samples), (first.queries, again.queries)):
         np.testing.assert_array_equal(rows.mu, other.mu)
         np.testing.assert_array_equal(rows.score, other.score)
@@ -135,7 +135,7 @@ def test_a_run_of_an_earlier_version_is_refused_and_left_alone(tmp_path):
     run(tmp_path)
     path = tmp_path / "attack.json"
     settings = json.loads(path.read_text())
-    path.write_text(json.dumps({**settings["experiment"]["target"], "label": "greedy"}))
+    path.write_text(json.dumps({**settings["settings"]["experiment"]["target"], "label": "greedy"}))
     before = path.read_bytes()
     with pytest.raises(FileError, match=r"Expected .*attack\.json as sada-gym writes it"):
         run(tmp_path, resume=True)
@@ -151,7 +151,7 @@ def test_a_finished_run_with_a_damaged_result_makes_it_again(tmp_path):
     path.write_text(json.dumps(report))
     again = run(tmp_path, resume=True)
     assert not again.was_finished
-    assert again.report == first.report == read_model(path, RunReport)
+    assert again.result == first.result == read_model(path, RunReport)
 
 
 def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
@@ -233,7 +233,7 @@ def test_a_folder_that_is_removed_or_taken_over_during_a_run_is_noticed(tmp_path
 SCRIPT = """
 import sys
 from toy import Greedy, Toy
-from sada_gym.attack import attack
+from sada_gym import attack
 out, log, resume = sys.argv[1], sys.argv[2], sys.argv[3] == "resume"
 adversary = sys.argv[4] or Greedy
 attack(Toy(pause_s=0.004, log=log), adversary, out=out, budget=300, samples=30, workers=2,

@@ -7,7 +7,7 @@ from typing import Any
 
 from wrapped_toys import cart_pole
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.envs.wrapped import ActionDelay, Keyword
 from sada_gym.measures import sensitivity
 

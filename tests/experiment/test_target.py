@@ -5,7 +5,7 @@ import json
 import pytest
 from toy import Greedy, Toy
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.errors import UserError
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import make_application
@@ -92,7 +92,7 @@ def test_a_closed_target_keeps_what_needs_no_application():
 def test_attack_on_a_track_with_a_reference_set_measures_by_it(tmp_path, adversary):
     asked = []
     result = attack(TRACK, adversary, out=tmp_path, on_progress=asked.append, **SMALL)
-    report = result.report
+    report = result.result
     reference = load_reference(TRACK, make_application(TRACK))
     assert report.settings.experiment.target.reference == ReferenceSummary.of(reference)
     assert (
@@ -128,7 +128,7 @@ def test_resuming_measures_the_same_by_the_same_reference_set(tmp_path):
 
 @pytest.mark.parametrize("problem", [Toy(), "SADA-Analytic-v0"], ids=["own", "analytic"])
 def test_attack_without_a_reference_set_leaves_its_measures_out(tmp_path, problem):
-    report = attack(problem, Greedy, out=tmp_path, **SMALL).report
+    report = attack(problem, Greedy, out=tmp_path, **SMALL).result
     assert report.settings.experiment.target.reference is None
     assert (report.density, report.coverage, report.relative_coverage) == (None, None, None)
     assert report.novelty.ratio is None
@@ -138,12 +138,12 @@ def test_attack_without_a_reference_set_leaves_its_measures_out(tmp_path, proble
 def test_attack_with_settings_of_its_own_has_no_coverage(tmp_path):
     keywords = {"object_class": "car", "image_size": 96}
     report = attack("SADA-Detection-v0", "random", out=tmp_path, env_kwargs=keywords, **SMALL)
-    assert report.report.settings.experiment.target.reference is None
-    assert report.report.coverage is None
+    assert report.result.settings.experiment.target.reference is None
+    assert report.result.coverage is None
 
 
 def test_too_few_samples_for_coverage_leave_it_out(tmp_path):
     settings = {**SMALL, "samples": NEAREST}
-    report = attack(TRACK, "random", out=tmp_path, **settings).report
+    report = attack(TRACK, "random", out=tmp_path, **settings).result
     assert report.coverage is None
     assert report.settings.experiment.target.reference.uniform_rate > 0

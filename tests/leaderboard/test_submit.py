@@ -12,16 +12,16 @@ import pytest
 from made_entries import ANALYTIC, make_entry, only_result, replace_result, with_changes
 from toy import Greedy, Toy
 
+from sada_gym import attack
 from sada_gym import files as files_module
-from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.errors import UserError
-from sada_gym.experiment.folder import read_samples, write_samples
 from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
 from sada_gym.results.entry import EntryResult, GroupFiles, write_metadata, write_results
 from sada_gym.results.models import Result, SeedResult, Verified
 from sada_gym.results.samples import samples_sha256
+from sada_gym.run.folder import read_samples, write_samples
 from sada_gym.submission.checks import check_entry
 from sada_gym.submission.current import current_experiment
 from sada_gym.submission.submit import make_metadata, submit, submit_samples

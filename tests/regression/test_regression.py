@@ -11,19 +11,18 @@ import pytest
 from junitparser import Failure, JUnitXml, Skipped
 from toy import Toy
 
-from sada_gym import make_application
-from sada_gym.attack import attack
+from sada_gym import attack, make_application
 from sada_gym.diagnosis.grouping import NO_WEAKNESS
 from sada_gym.diagnosis.record import read_diagnosis
 from sada_gym.diagnosis.rules import holds
 from sada_gym.errors import FileError, UserError
-from sada_gym.experiment.folder import read_samples
 from sada_gym.measures.groups import match, neighbourhoods, places, words
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.regression.export import MOST_IN_GROUP, export
 from sada_gym.regression.junit import junit, markdown
 from sada_gym.regression.regress import regress
 from sada_gym.regression.suite import read_suite
+from sada_gym.run.folder import read_samples
 
 OLD = 0.1
 
@@ -244,7 +243,7 @@ def test_runs_without_failures_and_failures_that_do_not_repeat_are_told(tmp_path
     sound = run(tmp_path / "sound", Toy(2, offset=1.0))
     with pytest.raises(UserError, match="none of which fooled the agent"):
         export(sound, tmp_path / "s", application=Toy(2, offset=1.0))
-    with pytest.raises(UserError, match=r"made it in Python: sada_gym\.regression"):
+    with pytest.raises(UserError, match=r"made it in Python, hand it over"):
         export(run(tmp_path / "run"), tmp_path / "s")
 
 

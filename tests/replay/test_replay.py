@@ -18,9 +18,9 @@ from sada_gym import (
     Parameter,
     ParameterSpace,
     Scored,
+    attack,
     make_application,
 )
-from sada_gym.attack import attack
 from sada_gym.clips.captions import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
 from sada_gym.clips.make import make_clip
 from sada_gym.clips.shots import describe_world, pace, path_to, scored_ending, share_time
@@ -29,8 +29,8 @@ from sada_gym.envs.uav.behaviour import ending as race_ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.errors import FileError, Notice, UserError
-from sada_gym.experiment.folder import read_samples, write_samples
 from sada_gym.replay import replay
+from sada_gym.run.folder import read_samples, write_samples
 
 
 def run(folder: Path, environment="SADA-Analytic-v0", **keywords) -> Path:
@@ -105,7 +105,7 @@ def test_settings_open_the_application_again(tmp_path, track, keywords):
 
 def test_an_application_of_ones_own_is_passed(tmp_path):
     folder = run(tmp_path / "run", Counting(), samples=3)
-    with pytest.raises(UserError, match=r"In Python|in Python: sada_gym.replay.replay\("):
+    with pytest.raises(UserError, match=r"in Python, hand it over: application=YOURS"):
         replay(folder)
     video = replay(folder, application=Counting(), seconds=2)
     assert video.samples[0].endings == (f"stopped at {video.samples[0].score:.1f}",)
@@ -124,12 +124,13 @@ def test_an_application_that_differs_is_refused(tmp_path, analytic):
 def altered(source: Path, folder: Path, **changes) -> Path:
     """Copy a run with other settings."""
     folder.mkdir()
-    settings = json.loads((source / "attack.json").read_text())
+    record = json.loads((source / "attack.json").read_text())
+    settings = record["settings"]
     target = settings["experiment"]["target"]
     for name, value in changes.items():
         level = next(d for d in (target, target["application"], settings) if name in d)
         level[name] = value
-    (folder / "attack.json").write_text(json.dumps(settings))
+    (folder / "attack.json").write_text(json.dumps(record))
     (folder / "samples.npz").write_bytes((source / "samples.npz").read_bytes())
     return folder
 
@@ -164,7 +165,7 @@ def test_another_score_is_refused_and_a_rounding_is_told(tmp_path, analytic):
 
 
 def test_versions_that_differ_are_named_with_another_score(tmp_path, analytic):
-    packages = json.loads((analytic / "attack.json").read_text())["packages"]
+    packages = json.loads((analytic / "attack.json").read_text())["settings"]["packages"]
     folder = altered(analytic, tmp_path / "run", packages={**packages, "numpy": "0.1"})
     assert replay(folder, seconds=1).samples  # other versions alone are no reason
     samples = read_samples(folder / "samples.npz")

@@ -7,7 +7,7 @@ import pytest
 from hostile_worlds import Hostile
 from toy import Greedy
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.report.make import report
 
 
@@ -77,7 +77,7 @@ def test_it_fits_and_is_drawn(view, runs, width, scheme):
 def test_without_a_program_the_first_screen_stands(view, runs):
     driver = view(runs[0].html, scripts=False)
     assert "This part needs JavaScript" in find(driver, "noscript").text
-    assert f"{100 * runs[0].report.afr:.1f} %" in find(driver, ".rates").text
+    assert f"{100 * runs[0].result.afr:.1f} %" in find(driver, ".rates").text
     assert find(driver, ".pictures img").is_displayed()
     assert not find(driver, ".controls").is_displayed()
 

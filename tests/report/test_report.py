@@ -14,9 +14,8 @@ from hostile_worlds import TAG, Hostile
 from PIL import Image
 from typer.testing import CliRunner
 
-from sada_gym import Application, Parameter, ParameterSpace
+from sada_gym import Application, Parameter, ParameterSpace, attack
 from sada_gym.application import Scored
-from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.diagnosis.record import Diagnosis, Example, Rate, Weakness, write_diagnosis
 from sada_gym.errors import FileError, UserError
@@ -25,7 +24,7 @@ from sada_gym.report import page as pages
 from sada_gym.report import thumbnails
 from sada_gym.report.make import report
 from sada_gym.report.page import page
-from sada_gym.report.run import read_reported
+from sada_gym.report.read import read_view
 from sada_gym.report.thumbnails import THUMBNAILS_FILE
 from sada_gym.report.views import Picture
 
@@ -84,8 +83,8 @@ def copied(digits, tmp_path):
 def test_the_first_screen_needs_no_program(digits):
     shown = Page(digits.html.read_bytes())
     before = shown.text.partition("Browse the worlds")[0]
-    assert f"How {digits.report.settings.experiment.target.agent} fails" in before
-    assert f"{100 * digits.report.afr:.1f} %" in before
+    assert f"How {digits.result.settings.experiment.target.agent} fails" in before
+    assert f"{100 * digits.result.afr:.1f} %" in before
     assert "uniform worlds" in before
     assert " ".join(digits.diagnosis.sentence.split()) in before
     images = shown.all("img")
@@ -158,7 +157,7 @@ def test_a_run_of_another_version_lacks_some_files(digits, copied, missing):
         assert (copied / missing).exists()
     else:
         assert missing in Page(content).text
-        assert f"{100 * digits.report.afr:.1f} %" in Page(content).text
+        assert f"{100 * digits.result.afr:.1f} %" in Page(content).text
 
 
 def test_a_plot_is_packed_quickly_or_well_or_left_out(tmp_path, monkeypatch):
@@ -182,7 +181,7 @@ def test_a_plot_is_packed_quickly_or_well_or_left_out(tmp_path, monkeypatch):
 def test_a_damaged_file_is_told_or_made_anew(digits, copied, damaged):
     (copied / damaged).write_bytes((copied / damaged).read_bytes()[:100])
     shown = Page(report(copied).read_bytes())
-    assert f"{100 * digits.report.afr:.1f} %" in shown.text
+    assert f"{100 * digits.result.afr:.1f} %" in shown.text
 
 
 def test_more_pictures_are_drawn_and_kept(digits, copied):
@@ -250,7 +249,7 @@ def test_runs_of_any_size_with_and_without_failures(tmp_path, dimension, q):
     result = run(tmp_path / "run", Plain(dimension, q), "random", budget=40)
     shown = Page(result.html.read_bytes())
     assert not shown.all("img")
-    assert f"{100 * result.report.afr:.1f} %" in shown.text
+    assert f"{100 * result.result.afr:.1f} %" in shown.text
     assert len(shown.data[0]["parameters"]) == dimension
     if q == 1.0:
         assert "No sample fooled the agent." in shown.text
@@ -258,7 +257,7 @@ def test_runs_of_any_size_with_and_without_failures(tmp_path, dimension, q):
 
 def test_of_very_many_worlds_some_are_plotted(digits, monkeypatch):
     monkeypatch.setattr(pages, "MOST_WORLDS", 50)
-    shown = Page(page(read_reported(digits.folder)))
+    shown = Page(page(read_view(digits)))
     assert shown.data[0]["samples"] == 40
     assert shown.data[0]["left_out"] == 190
     assert "190 worlds are not plotted" in shown.text
@@ -318,7 +317,7 @@ def test_a_diagnosis_takes_the_place_of_the_sentence(digits, copied):
 @pytest.mark.long
 @pytest.mark.parametrize("runs", [1, 2])
 def test_a_page_with_as_many_pictures_as_can_be_is_below_10_mb(digits, runs):
-    found = read_reported(digits.folder)
+    found = read_view(digits)
     large = {key: b"RIFF    WEBP" + bytes(250_000) for key in found.pictures}
     large |= {f"{i:016x}": bytes(250_000) for i in range(40 - len(large))}
     found = dataclasses.replace(found, pictures=large)

@@ -8,10 +8,10 @@ import pytest
 from hostile_worlds import FORMULA, TAG, Hostile
 from toy import Greedy
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.diagnosis.record import SumCondition
 from sada_gym.measures.failure_regions import Condition
-from sada_gym.report.worlds import WorldColumns, parameters_of, plain, read_columns, weakness_of
+from sada_gym.run.worlds import WorldColumns, parameters_of, plain, read_columns, weakness_of
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ import sada_gym  # isort: skip - first, as it chooses the kernels
 import numpy as np
 from families import MISSING
 
-from sada_gym.attack import attack
+from sada_gym import attack
 
 FILE = Path(__file__).parents[1] / "digests" / "attacks.json"
 DRIVING = {"budget": 6, "samples": 4}

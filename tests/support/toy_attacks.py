@@ -2,7 +2,7 @@
 
 from toy import Greedy, Toy
 
-from sada_gym.attack import attack
+from sada_gym import attack
 
 SETTINGS = {"budget": 100, "samples": 30, "seed": 3, "pictures": False}
 

@@ -15,9 +15,8 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
-from sada_gym import GymnasiumApplication
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.adversaries import make
-from sada_gym.attack import attack
 from sada_gym.determinism import one_thread
 from sada_gym.diagnosis.record import Diagnosis, Weakness, write_diagnosis
 from sada_gym.envs.robot import RobotTaskEnv, StartDistribution

@@ -24,7 +24,7 @@ carla = pytest.importorskip(
 import fake_carla  # noqa: E402
 from fake_carla import lane_driver  # noqa: E402
 
-from sada_gym.attack import attack  # noqa: E402
+from sada_gym import attack  # noqa: E402
 from sada_gym.envs.carla import application as application_module  # noqa: E402
 from sada_gym.envs.carla import drive as drive_module  # noqa: E402
 from sada_gym.envs.carla import routes  # noqa: E402
@@ -319,7 +319,7 @@ def stored(run):
 CODE = """
 import json, sys
 from fake_carla import lane_driver
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.envs.carla.application import CarlaDrivingApplication
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.cli import app
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import find_renderer

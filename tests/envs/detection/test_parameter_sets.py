@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.errors import UserError
 from sada_gym.evaluation.key import ApplicationKey
@@ -143,5 +143,5 @@ def test_ids_take_the_sets_and_a_run_of_one_is_confirmed(tmp_path):
     run = attack(ID, "random", env_kwargs=keywords, budget=0, samples=3, out=tmp_path / "run",
                  pictures=False)  # fmt: skip
     there = confirm(run.folder, {"image_size": 96}).comparison.there.application.settings
-    assert there == {**run.report.settings.experiment.target.application.settings,
+    assert there == {**run.result.settings.experiment.target.application.settings,
                      "image_size": 96}  # fmt: skip

@@ -8,9 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from sada_gym import GymnasiumApplication
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.adversaries import make
-from sada_gym.attack import attack
 from sada_gym.envs.wrapped.feasible import Expression, Feasible
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import AdversaryError, UserError

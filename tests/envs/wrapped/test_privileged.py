@@ -12,8 +12,7 @@ import pytest
 from stable_baselines3 import PPO
 from wrapped_toys import balance, cart_pole, worlds
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import StoreError, UserError
 from sada_gym.evaluations import fools
@@ -70,10 +69,10 @@ def test_the_summary_tells_failures_in_which_both_fail(tmp_path: Path) -> None:
     mastered = ~fools(
         application.evaluate(found.samples.mu, found.samples.seed.tolist()).score, 0.5
     )
-    assert found.report.feasible.worlds == mastered.sum()
+    assert found.result.feasible.worlds == mastered.sum()
     both = (found.samples.fooled(0.5) & ~mastered).sum()
-    assert 0 < both < found.report.fooled
-    assert f"in {both} of {found.report.fooled} failures the privileged agent fails too" in repr(
+    assert 0 < both < found.result.fooled
+    assert f"in {both} of {found.result.fooled} failures the privileged agent fails too" in repr(
         found
     )
     assert "not known: the privileged agent fails in all" in repr(result("b", clumsy))

@@ -6,7 +6,7 @@ import pytest
 from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
-from sada_gym.attack import attack
+from sada_gym import attack
 from sada_gym.cli import app
 from sada_gym.envs.wrapped import starter
 from sada_gym.envs.wrapped.scores import Episode

@@ -15,8 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from typer.testing import CliRunner
 
-from sada_gym import GymnasiumApplication, make_application
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack, load_run, make_application
 from sada_gym.cli import app
 from sada_gym.envs.wrapped import bindings, toml
 from sada_gym.envs.wrapped.disturbances import (
@@ -32,7 +31,6 @@ from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.experiment.finished import open_target, read_run
 from sada_gym.files import MAX_TOML_BYTES, read_toml
 from sada_gym.testing import rules
 
@@ -133,13 +131,15 @@ def test_a_run_remembers_the_file_that_described_its_application(pole, tmp_path,
     monkeypatch.chdir(tmp_path)
     attack("pole.toml", out="run", **RANDOM)
     monkeypatch.chdir(tmp_path.parent)
-    settings, samples = read_run(tmp_path / "run")
-    with open_target(settings, tmp_path / "run", None, call="replay(") as opened:
-        again = opened.application.evaluate(samples.mu[:2], samples.seed[:2].tolist())
-    np.testing.assert_array_equal(again.score, samples.score[:2])
-    pole.unlink()
-    with pytest.raises(UserError, match=r"pole\.toml.*--application FILE"):
-        open_target(settings, tmp_path / "run", None, call="replay(")
+    run = load_run(tmp_path / "run")
+    assert (run.given.by, run.given.path) == ("toml", pole)
+    other = pole.read_text().replace("0.5", "0.25")
+    assert other != pole.read_text()
+    for change in (lambda: None, lambda: pole.write_text(other), pole.unlink):
+        change()
+        with run.open() as opened:
+            again = opened.application.evaluate(run.samples.mu[:2], run.samples.seed[:2].tolist())
+        np.testing.assert_array_equal(again.score, run.samples.score[:2])
 
 
 def test_every_key_of_the_constructor_can_stand_in_a_file():
@@ -321,13 +321,13 @@ def test_keywords_of_ids_do_not_go_with_files(pole):
         make_application(str(pole), agent="x")
 
 
-def test_an_attack_takes_a_file_and_its_record_names_no_folder(pole, tmp_path, monkeypatch):
+def test_an_attack_takes_a_file_and_its_settings_name_no_folder(pole, tmp_path, monkeypatch):
     whole = attack(str(pole), out=tmp_path / "whole", **RANDOM)
     application = read_application(pole)
-    assert whole.report.settings.experiment.target.track == "CartPole-v1"
-    assert whole.report == attack(application, out=tmp_path / "python", **RANDOM).report
-    for name in ("attack.json", "result.json"):
-        assert str(tmp_path) not in (tmp_path / "whole" / name).read_text()
+    assert whole.result.settings.experiment.target.track == "CartPole-v1"
+    assert whole.result == attack(application, out=tmp_path / "python", **RANDOM).result
+    assert str(tmp_path) not in (tmp_path / "whole" / "result.json").read_text()
+    assert str(tmp_path) not in whole.settings.model_dump_json()
     # moved, it is the same run
     moved = tmp_path / "moved"
     moved.mkdir()
@@ -335,7 +335,7 @@ def test_an_attack_takes_a_file_and_its_record_names_no_folder(pole, tmp_path, m
         (tmp_path / name).rename(moved / name)
     monkeypatch.chdir(moved)
     resumed = attack("pole.toml", out=tmp_path / "whole", resume=True, **RANDOM)
-    assert resumed.report == whole.report
+    assert resumed.result == whole.result
 
 
 @pytest.mark.slow
@@ -343,7 +343,7 @@ def test_workers_build_the_application_from_the_file(pole, tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     alone = attack("pole.toml", out=tmp_path / "alone", **RANDOM)
     together = attack("pole.toml", out=tmp_path / "together", workers=2, **RANDOM)
-    assert together.report == alone.report
+    assert together.result == alone.result
 
 
 def test_another_agent_under_the_same_name_is_another_run(pole, tmp_path):

@@ -10,9 +10,8 @@ import pytest
 import torch
 
 import tests.support.breaking_worlds as toys
-from sada_gym import GymnasiumApplication
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.application import INVALID_SCORE
-from sada_gym.attack import attack
 from sada_gym.envs.wrapped.episodes import MEMORY_BYTES
 from sada_gym.errors import StoreError, UserError, WorkerError
 from sada_gym.evaluation.oracle import Oracle
@@ -84,8 +83,8 @@ def test_an_attack_goes_on_and_tells_and_resumes_with_the_same_result(tmp_path, 
 
     result = attack(breaking("raises"), "gaussian", out=tmp_path / "a", workers=workers, **settings)
     again = attack(breaking("raises"), "gaussian", out=tmp_path / "b", workers=1, **settings)
-    invalid = result.report.invalid
-    assert invalid == again.report.invalid
+    invalid = result.result.invalid
+    assert invalid == again.result.invalid
     assert invalid.queries == result.queries.invalid.sum() > 0
     assert "RuntimeError: unstable at 0x..." in invalid.reason
     assert toys.breaks(invalid.parameters["mass"])
@@ -96,7 +95,7 @@ def test_an_attack_goes_on_and_tells_and_resumes_with_the_same_result(tmp_path, 
     resumed = attack(
         breaking("raises"), "gaussian", out=tmp_path / "a", resume=True, workers=1, **settings
     )
-    assert resumed.report == result.report
+    assert resumed.result == result.result
     assert (resumed.queries.invalid == result.queries.invalid).all()
     finished = attack(
         breaking("raises"), "gaussian", out=tmp_path / "a", resume=True, workers=1, **settings
@@ -117,8 +116,8 @@ def test_the_rate_is_over_samples_in_valid_worlds(tmp_path):
     )
     valid = ~result.samples.invalid
     assert 0 < valid.sum() < 60
-    assert result.report.afr == result.samples.fooled(0.5)[valid].mean()
-    assert result.report.fooled == result.samples.fooled(0.5).sum()
+    assert result.result.afr == result.samples.fooled(0.5)[valid].mean()
+    assert result.result.fooled == result.samples.fooled(0.5).sum()
     assert f"of {valid.sum()} samples in valid worlds" in str(result)
 
 

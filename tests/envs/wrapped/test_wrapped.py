@@ -13,8 +13,7 @@ import wrapped_toys as toys
 from stable_baselines3 import PPO
 from wrapped_toys import Impure, Shared, balance, cart_pole, pendulum, reach, worlds
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped import (
     ActionDelay,
     ActionGain,
@@ -58,8 +57,8 @@ def test_eight_lines_attack_cart_pole(tmp_path, workers):
     result = attack(
         cart_pole(), "random", budget=8, samples=8, out=tmp_path / "run", workers=workers
     )
-    assert result.report.afr == pytest.approx(np.mean(result.samples.score <= 0.5))
-    assert result.report.settings.packages.keys() >= {"gymnasium", "torch", "stable-baselines3"}
+    assert result.result.afr == pytest.approx(np.mean(result.samples.score <= 0.5))
+    assert result.result.settings.packages.keys() >= {"gymnasium", "torch", "stable-baselines3"}
 
 
 def test_an_attack_without_pictures_warns_and_goes_on(tmp_path):

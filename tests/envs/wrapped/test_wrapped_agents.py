@@ -17,8 +17,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 from wrapped_toys import Reach, balance, cart_pole, pendulum, reach, worlds
 
-from sada_gym import GymnasiumApplication
-from sada_gym.attack import attack
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped import Function, Keyword
 from sada_gym.testing.purity import assert_pure
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +28,6 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
@@ -70,8 +67,8 @@ def read_ply(content: bytes, companions: Companions | None = None) -> Triangles:
             check_count(element.count)
         elif element.name == "tristrips" and element.count:
             raise UserError("strips of triangles (tristrips): export faces")
-    rows = _Rows(body, order)
-    columns = {element.name: rows.element(element) for element in elements}
+    read = _Binary(body, order) if order else _Ascii(body)
+    columns = {element.name: read.element(element) for element in elements}
     return _triangles(columns, textures, companions)
 
 
@@ -99,70 +96,134 @@ def _header(text: str) -> tuple[str, list[_Element], list[str]]:
     return order, elements, textures
 
 
-class _Rows:
-    """The rows of a file: bytes of a binary one, words of a text."""
+class _Ascii:
+    """Reads elements out of a text, one row after another."""
 
-    def __init__(self, body: bytes, order: str) -> None:
-        self._content = body if order else body.split()
-        self._order = order
+    def __init__(self, body: bytes) -> None:
+        self._words = body.split()
         self._at = 0
 
     def element(self, element: _Element) -> _Columns:
-        """Read the rows of an element, all at once where none holds a list."""
+        count, types = element.count, element.types
+        if count * len(types) > len(self._words) - self._at:
+            raise UserError(f"a file that ends before its {count:,} rows of {shown(element.name)}")
+        scalars: dict[str, list[bytes]] = {
+            name: [] for name, (size, _) in types.items() if not size
+        }
+        if len(scalars) == len(types):
+            block = self._take(count * len(types))
+            return {
+                name: _numbers(block[i :: len(types)], types[name][1])
+                for i, name in enumerate(types)
+            }
+        lists: dict[str, tuple[list[int], list[bytes]]] = {
+            name: ([], []) for name, (size, _) in types.items() if size
+        }
+        for _ in range(count):
+            for name in types:
+                if name in scalars:
+                    scalars[name] += self._take(1)
+                else:
+                    size = int(self._take(1)[0])
+                    lists[name][0].append(size)
+                    lists[name][1].extend(self._take(size))
+        return {
+            name: _numbers(scalars[name], value)
+            if name in scalars
+            else _List(np.array(lists[name][0], np.int64), _numbers(lists[name][1], value))
+            for name, (_, value) in types.items()
+        }
+
+    def _take(self, count: int) -> list[bytes]:
+        taken = self._words[self._at : self._at + count]
+        if len(taken) != count or count < 0:
+            raise UserError("a file that ends within its rows")
+        self._at += count
+        return taken
+
+
+class _Binary:
+    """Reads elements out of bytes, one row after another."""
+
+    def __init__(self, body: bytes, order: str) -> None:
+        self._body, self._order = body, order
+        self._at = 0
+
+    def element(self, element: _Element) -> _Columns:
         types = element.types
-        least = sum(
-            int((length or value)[1]) if self._order else 1 for length, value in types.values()
-        )
-        if element.count * least > len(self._content) - self._at:
+        lists = [name for name in types if types[name][0]]
+        sizes = {name: self._first_size(types, name) if element.count else 0 for name in lists}
+        rows = self._uniform(element, sizes)
+        if rows is None:
+            return self._ragged(element)
+        self._at += rows.nbytes
+        return {
+            name: _List(np.full(len(rows), sizes[name]), rows[name].astype(float).ravel())
+            if name in sizes
+            else rows[name].astype(float)
+            for name in types
+        }
+
+    def _uniform(self, element: _Element, sizes: Mapping[str, int]) -> npt.NDArray[np.void] | None:
+        """Read rows whose lists are as long as the first row's; None where others come."""
+        fields: list[tuple[str, str] | tuple[str, str, int]] = []
+        for name, (length, value) in element.types.items():
+            if length:
+                fields += [(f"{name} size", self._order + length)]
+                fields += [(name, self._order + value, sizes[name])]
+            else:
+                fields += [(name, self._order + value)]
+        dtype = np.dtype(fields)
+        if dtype.itemsize * element.count > len(self._body) - self._at:
+            if sizes:
+                return None  # some row may be shorter
             raise UserError(
                 f"a file that ends before its {element.count:,} rows of {shown(element.name)}"
             )
-        if not any(length for length, _ in types.values()):
-            return self._table(element)
-        sizes: dict[str, list[int]] = {name: [] for name in types}
-        values: dict[str, list[Any]] = {name: [] for name in types}
+        rows = np.frombuffer(self._body, dtype, element.count, self._at)
+        same = all((rows[f"{name} size"] == size).all() for name, size in sizes.items())
+        return rows if same else None
+
+    def _first_size(self, types: Mapping[str, tuple[str, str]], wanted: str) -> int:
+        at = self._at
+        for name, (length, value) in types.items():
+            size = int(self._values(length, at, 1)[0]) if length else 1
+            if name == wanted:
+                return size
+            at += np.dtype(value).itemsize * size + (np.dtype(length).itemsize if length else 0)
+        raise AssertionError
+
+    def _values(self, kind: str, at: int, count: int) -> npt.NDArray[np.float64]:
+        dtype = np.dtype(self._order + kind)
+        if count < 0 or at + count * dtype.itemsize > len(self._body):
+            raise UserError("a file that ends within its rows")
+        return np.frombuffer(self._body, dtype, count, at).astype(float)
+
+    def _ragged(self, element: _Element) -> _Columns:
+        values: dict[str, list[npt.NDArray[np.float64]]] = {name: [] for name in element.types}
         for _ in range(element.count):
-            for name, (length, value) in types.items():
-                size = int(self._take(length, 1)[0]) if length else 1
-                sizes[name].append(size)
-                values[name] += self._take(value, size)
-        columns = {name: _numbers(values[name], value) for name, (_, value) in types.items()}
+            for name, (length, value) in element.types.items():
+                size = 1
+                if length:
+                    size = int(self._values(length, self._at, 1)[0])
+                    self._at += np.dtype(length).itemsize
+                values[name].append(self._values(value, self._at, size))
+                self._at += np.dtype(value).itemsize * size
+        empty = np.empty(0)
         return {
-            name: _List(np.array(sizes[name], np.int64), columns[name]) if length else columns[name]
-            for name, (length, _) in types.items()
+            name: _List(np.array([len(v) for v in values[name]], np.int64), joined)
+            if length
+            else joined
+            for name, (length, _) in element.types.items()
+            for joined in [np.concatenate([empty, *values[name]])]
         }
 
-    def _table(self, element: _Element) -> _Columns:
-        kinds = {name: value for name, (_, value) in element.types.items()}
-        if not self._order:
-            words = self._next(element.count * len(kinds))
-            return {
-                name: _numbers(words[i :: len(kinds)], kind)
-                for i, (name, kind) in enumerate(kinds.items())
-            }
-        row = np.dtype([(name, self._order + kind) for name, kind in kinds.items()])
-        rows = np.frombuffer(self._next(element.count * row.itemsize), row)
-        return {name: rows[name].astype(float) for name in kinds}
 
-    def _take(self, kind: str, count: int) -> Any:
-        """Take some values of a type; those of a text are words."""
-        if not self._order or count < 0:
-            return self._next(count)
-        content = self._next(int(kind[1]) * count)
-        return struct.unpack(f"{self._order}{count}{_CODES[kind]}", content)
-
-    def _next(self, length: int) -> Any:
-        start, self._at = self._at, self._at + length
-        if length < 0 or self._at > len(self._content):
-            raise UserError("a file that ends within its rows")
-        return self._content[start : self._at]
-
-
-def _numbers(values: Sequence[Any], kind: str) -> npt.NDArray[np.float64]:
-    """Make numbers of words or values, as coarse as the file declares them."""
+def _numbers(words: list[bytes], kind: str) -> npt.NDArray[np.float64]:
+    """Read numbers, as coarse as the file declares them."""
     try:
-        numbers = np.array(values).astype(float)
-        return numbers.astype("f4").astype(float) if kind == "f4" else numbers
+        values = np.array(words, "S").astype(float) if words else np.empty(0)
+        return values.astype("f4").astype(float) if kind == "f4" else values
     except ValueError as error:
         raise UserError(f"a value that is no number ({error})") from error
 
@@ -185,6 +246,8 @@ def _triangles(
         raise UserError("indices that are not whole numbers")
     check_count(int((polygons.sizes - 2).clip(0).sum()))
     places, polygon = triangulate(points, corners, polygons.sizes)
+    order = _order(polygon, polygons.sizes)
+    places, polygon = places[order], polygon[order]
     faces, nothing = corners[places], np.zeros(len(places), np.int64)
     if companions is None:
         return Triangles(points, faces, None, nothing)
@@ -201,6 +264,13 @@ def _triangles(
         raise UserError("faces that point at missing textures")
     surfaces = tuple(Surface(name, texture=companions.texture(name)) for name in textures)
     return Triangles(points, faces, uv, surface, surfaces)
+
+
+def _order(polygon: Indices, sizes: Indices) -> Indices:
+    """Sort triangles as fingerprints of users' files have known them: quads' halves apart."""
+    half = np.arange(len(polygon)) - np.searchsorted(polygon, polygon)
+    size = sizes[polygon] if len(polygon) else polygon
+    return np.lexsort((polygon, np.where(size == 4, half, 0), np.clip(size, 3, 5)))
 
 
 def _texture_coordinates(

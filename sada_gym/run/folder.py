@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
+import tempfile
+import weakref
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from sada_gym.errors import FileError, StoreError, UserError
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.differences import check_same_record
-from sada_gym.experiment.record import RunReport, RunSettings
-from sada_gym.files import read_arrays, read_model, write_file, write_model
+from sada_gym.experiment.record import RunSettings
+from sada_gym.files import (
+    MAX_TOML_BYTES,
+    Strict,
+    read_arrays,
+    read_file,
+    read_model,
+    write_file,
+    write_model,
+)
+from sada_gym.run.given import Given
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -25,8 +37,50 @@ STORE_FILE = "run.sqlite"
 ELSEWHERE_FILE = "elsewhere.sqlite"
 """Holds the scores of a run's worlds on fresh seeds, and in other worlds."""
 ADVERSARY_FOLDER = "adversary"
-SOURCE_FILE = "application.txt"
-"""Names the TOML file that described the application, where one did."""
+REPORT_FILE = "report.html"
+
+_SOURCE_FILE = "application.txt"
+"""In runs of format 1 it names the TOML file that described the application, where one did."""
+
+
+class RunRecord(Strict):
+    """The contents of attack.json: what a run does, and how what it attacks was given."""
+
+    format: Literal[2] = 2
+    settings: RunSettings
+    given: Given
+
+
+def read_record(folder: Path) -> RunRecord:
+    """Read attack.json of a run; a FileError if it is missing, damaged, or of a later version."""
+    path = folder / SETTINGS_FILE
+    try:
+        return read_model(path, RunRecord)
+    except FileError:
+        with suppress(FileError):  # format 1: the settings alone
+            settings = read_model(path, RunSettings)
+            return RunRecord(settings=settings, given=_given_before(folder, settings))
+        raise
+
+
+def _given_before(folder: Path, settings: RunSettings) -> Given:
+    """Find out how what a run of format 1 attacked was given."""
+    target, source = settings.experiment.target, folder / _SOURCE_FILE
+    if source.is_file():
+        path = Path(os.fsdecode(read_file(source, MAX_TOML_BYTES)).strip())
+        return Given(by="toml", file=path.absolute().as_uri())
+    if {"environment", "order"} <= set(target.application.settings):
+        return Given(by="python")
+    return Given(by="id", id=target.track, keywords=None)
+
+
+class TemporaryFolder:
+    """A folder for a run, at `path`, that is removed with this object."""
+
+    def __init__(self) -> None:
+        parent = tempfile.mkdtemp(prefix="sada-gym-")
+        self.path = Path(parent) / "run"
+        weakref.finalize(self, shutil.rmtree, parent, ignore_errors=True)
 
 
 def write_samples(path: Path, samples: Evaluations) -> None:
@@ -73,7 +127,7 @@ class RunFolder:
             FileError: If the folder, its settings or its store were removed or replaced.
         """
         try:
-            same = read_model(self.folder / SETTINGS_FILE, RunSettings) == settings
+            same = read_record(self.folder).settings == settings
             if same and store.is_in_place():
                 return
             what = "another run's files" if not same else f"another {STORE_FILE}"
@@ -96,7 +150,7 @@ class RunFolder:
                 with EvaluationStore(store) as kept:
                     if len(kept):
                         return
-            for path in (store, self.folder / SETTINGS_FILE, self.folder / SOURCE_FILE):
+            for path in (store, self.folder / SETTINGS_FILE):
                 path.unlink(missing_ok=True)
             # with a budget of 0 the adversary is saved before the first evaluation
             shutil.rmtree(self.folder / ADVERSARY_FOLDER, ignore_errors=True)
@@ -128,8 +182,8 @@ def check_free(folder: Path, *, resume: bool) -> None:
             )
 
 
-def reserve_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFolder:
-    """Make a folder an attack's own by writing its settings there, or find them there.
+def reserve_folder(folder: Path, record: RunRecord, *, resume: bool) -> RunFolder:
+    """Make a folder an attack's own by writing its record there, or find it there.
 
     Another run, or the same one without `resume`, is a ValueError. Nothing is changed then.
     """
@@ -138,54 +192,23 @@ def reserve_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunF
     if path.exists():
         check_same_record(
             f"the settings that the run in {folder} was started with",
-            read_model(path, RunSettings).model_dump(mode="json"),
-            settings.model_dump(mode="json"),
+            read_record(folder).settings.model_dump(mode="json"),
+            record.settings.model_dump(mode="json"),
         )
         return RunFolder(folder, None)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     reserved = RunFolder(folder, tuple(missing))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_model(path, settings)
+        write_model(path, record)
     except BaseException:
         reserved.release()
         raise
     return reserved
 
 
-def read_finished(
-    folder: Path, settings: RunSettings, dimension: int
-) -> tuple[RunReport, Evaluations, Evaluations] | None:
-    """Read what a finished run left: its report, its test samples and its training queries.
-
-    None where the run is not finished, or one of its files is missing or damaged. To go on with it
-    makes that file anew.
-
-    Raises:
-        StoreError: If another process has the run's store open.
-    """
-    if not all((folder / name).exists() for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE)):
-        return None
-    if not _is_saved(folder / ADVERSARY_FOLDER):
-        return None
-    try:
-        report = read_model(folder / RESULT_FILE, RunReport)
-        samples = read_samples(folder / SAMPLES_FILE)
-    except FileError:
-        return None
-    experiment = settings.experiment
-    shape = (experiment.protocol.samples, dimension)
-    if report.settings != settings or samples.mu.shape != shape:
-        return None
-    seeds = evaluation_seeds(settings.seed, "train", 0, report.search.queries)
-    queries: Evaluations | None = Evaluations.empty(dimension)
-    if seeds:
-        with EvaluationStore(folder / STORE_FILE) as store:
-            queries = store.evaluations(store.context(experiment.target.application), seeds)
-    return None if queries is None else (report, samples, queries)
-
-
-def _is_saved(adversary: Path) -> bool:
+def is_saved(adversary: Path) -> bool:
+    """Whether a folder holds a trained adversary."""
     # after a loss of power files may be there and empty
     files = [path for path in adversary.rglob("*") if path.is_file()]
     return adversary.is_dir() and all(path.stat().st_size for path in files)

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sada_gym.analyses.failures import PlayedAgain
 from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.behaviour import Behaviours
 from sada_gym.diagnosis.record import Diagnosis, Weakness
 from sada_gym.diagnosis.rules import holds
 from sada_gym.evaluations import Evaluations
-from sada_gym.failures import Failure, Failures, PlayedAgain
+from sada_gym.failures import Failure, Failures
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu
 

@@ -6,38 +6,39 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from sada_gym.analyses.failures import PlayedAgain, check_seeds, list_failures
+from sada_gym.analyses.telling import tell
 from sada_gym.application import Application
 from sada_gym.arrays import Bools
 from sada_gym.diagnosis.core import diagnose_worlds
 from sada_gym.diagnosis.grouping import grouped
-from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, diagnosed_before, write_diagnosis
-from sada_gym.diagnosis.telling import tell
+from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, write_diagnosis
 from sada_gym.errors import FileError, Notice, UserError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluation.stored import OnScores
 from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
-from sada_gym.experiment.finished import check_samples, open_target, read_run
-from sada_gym.experiment.folder import RESULT_FILE, STORE_FILE
-from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.failures import Failures, PlayedAgain, check_seeds, list_failures
-from sada_gym.files import as_path, read_model
 from sada_gym.parameters import Mu
+from sada_gym.run import Run
+from sada_gym.run.folder import STORE_FILE
+from sada_gym.run.run import as_run
 
 FRESH_SHARE, MOST_FRESH = 0.05, 200
 """A diagnosis spends this share of the training budget on fresh worlds, but at most so many."""
 
 _FIRST_SEED = 2**20  # of the validation stream, whose first seeds have other purposes
 
-OnScores = Callable[[int, int, int], object]
-"""Gets the number of fresh scores so far, of all that are asked for, and of those known before."""
+OnAnalysis = Callable[[Literal["diagnose", "confirm"], int, int, int], object]
+"""Gets what the scores are for, and what `OnScores` gets."""
 
 
 def diagnose(
-    run: str | Path,
+    run: Run | str | Path,
     *,
     fresh: int | None = None,
     confirm: int = 0,
@@ -54,101 +55,94 @@ def diagnose(
     returned, until its file is removed.
 
     Args:
-        run: The folder that `attack` wrote.
+        run: A run, or its folder.
         fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
             least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
         confirm: Tries each failure among the samples again on so many fresh seeds, see
             `sada_gym.failures`.
-        application: What the run attacked, where it cannot say it, see `replay`.
+        application: What the run attacked, where it cannot say it, see `Run.open`.
         workers: 1 evaluates in this process, more in as many others.
         on_scores: See `OnScores`.
 
     Raises:
         UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.
     """
-    folder = as_path(run, "a run's folder")
-    settings, samples = read_run(folder)
+    finished = as_run(run)
     if fresh is not None:
         check_integer("fresh", fresh, 0, 100_000)
     check_seeds(confirm, "confirm")
-    call = f"sada_gym.diagnosis.diagnose({str(folder)!r}, application=YOURS)"
-    with open_target(settings, folder, application, call=call, workers=workers) as opened:
-        check_samples(samples, opened)
-        opened.parameters.validate(samples.mu)
-        queries, uniform = _known_queries(folder, settings, opened.dimension)
-        diagnosis = None if queries is not None else _better_diagnosis(folder, samples)
-        queries = Evaluations.empty(opened.dimension) if queries is None else queries
-        if diagnosis is None:
-            opened.evaluator.attach(folder / STORE_FILE)
-            diagnosis = diagnose_run(
-                settings,
-                opened.evaluator,
-                queries,
-                samples,
-                uniform=uniform,
-                fresh=fresh,
-                on_scores=on_scores,
-            )
-        told, _ = list_and_tell(
+    with finished.open(application, workers=workers) as opened:
+        older = None if finished.queries is not None else _better_diagnosis(finished)
+        analyse(
+            finished,
             opened,
-            settings,
-            queries,
-            samples,
-            folder,
-            diagnosis=diagnosis,
+            diagnosis=older,
+            fresh=fresh,
             confirm=confirm,
-            on_scores=on_scores,
+            on_scores=lambda _, *counts: on_scores(*counts),
         )
-    assert told is not None
-    return told
+    diagnosis = finished.diagnosis
+    assert diagnosis is not None
+    return diagnosis
 
 
-def list_and_tell(
+def analyse(
+    run: Run,
     opened: OpenTarget,
-    settings: RunSettings,
-    queries: Evaluations,
-    samples: Evaluations,
-    folder: Path,
     *,
-    diagnosis: Diagnosis | None,
-    confirm: int,
-    on_scores: OnScores,
-) -> tuple[Diagnosis | None, Failures | None]:
-    """List a run's failures, complete its diagnosis with them, and write both into its folder.
+    rules: bool = True,
+    diagnosis: Diagnosis | None = None,
+    fresh: int | None = None,
+    confirm: int = 0,
+    on_scores: OnAnalysis = lambda *_: None,
+) -> bool:
+    """Diagnose a run, list its failures, and write both into its folder.
 
     Args:
-        opened: What the run attacked. An evaluator with a store gives it up.
-        settings: The run's.
-        queries: Its training queries.
-        samples: Its test samples.
-        folder: The run's.
-        diagnosis: How the agent fails; without one the failures alone are listed.
+        run: The run.
+        opened: What it attacked. An evaluator with a store gives it up.
+        rules: Whether to diagnose it; without, the failures alone are listed.
+        diagnosis: An earlier one, which is completed instead of made anew.
+        fresh: See `diagnose`.
         confirm: See `diagnose`.
-        on_scores: See `OnScores`.
+        on_scores: See `OnAnalysis`.
 
     Returns:
-        The diagnosis with what the agent does in each weakness and how sure its failures are; and
-        the failures, None where no sample fooled.
+        Whether this changed what the folder held.
     """
+    before = run.diagnosis, run.failures
+    queries = run.queries
+    if queries is None:
+        queries = Evaluations.empty(opened.dimension)
+    if rules and diagnosis is None:
+        opened.evaluator.attach(run.folder / STORE_FILE)
+        diagnosis = find_weaknesses(
+            run.settings,
+            opened.evaluator,
+            queries,
+            run.samples,
+            uniform=_uniform(run),
+            fresh=fresh,
+            on_scores=partial(on_scores, "diagnose"),
+        )
+        opened.evaluator.detach()
     again = PlayedAgain(opened.application)
     failures = list_failures(
+        run,
         opened,
-        settings,
-        samples,
-        folder,
         seeds=confirm,
         again=again,
         group=None if diagnosis is None else partial(grouped, diagnosis, opened.parameters),
-        on_scores=on_scores,
+        on_scores=partial(on_scores, "confirm"),
     )
     if diagnosis is not None:
-        diagnosis = tell(diagnosis, opened.application, queries + samples, failures, again)
-        if diagnosis != diagnosed_before(folder):
-            write_diagnosis(folder, diagnosis)
-    return diagnosis, failures
+        diagnosis = tell(diagnosis, opened.application, queries + run.samples, failures, again)
+        if diagnosis != before[0]:
+            write_diagnosis(run.folder, diagnosis)
+    return (diagnosis, failures) != before
 
 
-def diagnose_run(
+def find_weaknesses(
     settings: RunSettings,
     evaluator: Evaluator,
     queries: Evaluations,
@@ -158,9 +152,9 @@ def diagnose_run(
     fresh: int | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Diagnosis:
-    """Diagnose a run by its training queries, so many of whose first valid ones are `uniform`.
+    """Find weaknesses by training queries, so many of whose first valid ones are `uniform`.
 
-    The evaluator keeps the fresh scores in its store.
+    They are without what the agent does there. The evaluator keeps fresh scores in its store.
     """
     application = evaluator.application
     assert application is not None
@@ -214,39 +208,23 @@ def default_fresh(budget: int) -> int:
     return min(int(FRESH_SHARE * budget), MOST_FRESH)
 
 
-def _known_queries(
-    folder: Path, settings: RunSettings, dimension: int
-) -> tuple[Evaluations | None, int]:
-    """Read the training queries, and how many of the first valid ones are uniform.
-
-    They are None where any of them is lost. A run that another version wrote may not say how many
-    are uniform: then none count as such.
-    """
+def _uniform(run: Run) -> int:
+    """Count the first valid queries that are uniform; none where that is not known."""
     try:
-        report = read_model(folder / RESULT_FILE, RunReport)
-        asked, uniform = report.search.queries, report.uniform
-    except FileError:
-        asked, uniform = settings.experiment.protocol.budget, None
-    seeds = evaluation_seeds(settings.seed, "train", 0, asked)
-    if not seeds:
-        return Evaluations.empty(dimension), 0
-    found = None
-    if (folder / STORE_FILE).exists():
-        with EvaluationStore(folder / STORE_FILE) as store:
-            context = store.context(settings.experiment.target.application)
-            found = store.evaluations(context, seeds)
-    return found, 0 if found is None or uniform is None else uniform.worlds
+        uniform = run.result.uniform
+    except FileError:  # another version wrote it
+        return 0
+    return 0 if run.queries is None or uniform is None else uniform.worlds
 
 
-def _better_diagnosis(folder: Path, samples: Evaluations) -> Diagnosis | None:
+def _better_diagnosis(run: Run) -> Diagnosis | None:
     """Return the diagnosis in a run's folder if it knew more than the samples, and say what is."""
     lost = f"{STORE_FILE} is missing or incomplete"
-    older = diagnosed_before(folder)
-    if older is not None and older.worlds > len(samples.valid):
+    older, now = run.diagnosis, len(run.samples.valid)
+    if older is not None and older.worlds > now:
         warnings.warn(
             f"{lost}, so the older diagnosis is kept: it knew {older.worlds:,} worlds, and a new "
-            f"one would know {len(samples.valid):,}. Remove {folder / DIAGNOSIS_FILE} to make it "
-            "anew.",
+            f"one would know {now:,}. Remove {run.folder / DIAGNOSIS_FILE} to make it anew.",
             Notice,
             stacklevel=3,
         )

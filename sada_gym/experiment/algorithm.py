@@ -1,4 +1,4 @@
-"""One run of Algorithm 1: train an adversary, draw M samples, evaluate and measure them."""
+"""The paper's Algorithm 1: train an adversary, draw M samples, evaluate and measure them."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ class _RunOracle(Oracle):
         return scores
 
 
-class Run:
-    """A run of the paper's Algorithm 1: call `train`, `test` and `measure` in this order.
+class Algorithm1:
+    """The paper's Algorithm 1 for one adversary: call `train`, `test` and `measure` in this order.
 
     Args:
         settings: What the run does.

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from sada_gym.cards import find_card
-from sada_gym.experiment.folder import RESULT_FILE
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import FeasibleRate
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import ParameterSpace, number
+from sada_gym.run.folder import RESULT_FILE
 
 AFR = "attack fooling rate"
 
@@ -78,22 +78,6 @@ def results_line(folder: Path, pictures: Iterable[Path]) -> str:
     """Say where the results lie."""
     files = [RESULT_FILE, *(path.name for path in pictures)]
     return f"Results: {folder}/ ({', '.join(files)})"
-
-
-def summary(
-    report: RunReport,
-    folder: Path,
-    pictures: Iterable[Path],
-    further: Iterable[tuple[str, str]] = (),
-    *,
-    where: Iterable[tuple[str, str]] = (),
-    space: ParameterSpace | None = None,
-) -> str:
-    """Write a run's summary, a line for each finding, see `summary_rows`."""
-    rows = list(summary_rows(report, further, where=where, space=space))
-    width = max(len(name) for name, _ in rows)
-    lines = [f"  {name:<{width}}   {text}" for name, text in rows]
-    return "\n".join([title(report), *lines, results_line(folder, pictures)])
 
 
 def _in_use(found: FailureProbability) -> str:

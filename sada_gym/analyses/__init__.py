@@ -1,0 +1,1 @@
+"""What can be done with a run: each analysis is a function of it."""

@@ -1,0 +1,77 @@
+"""How what a run attacks was given, so that it can be opened again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import unquote_to_bytes
+
+from typing_extensions import Self
+
+from sada_gym.application import Application
+from sada_gym.files import MAX_TOML_BYTES, Strict, parse_toml, read_file
+from sada_gym.ids import names_file
+
+_SCHEME = "file://"
+
+
+class Given(Strict):
+    """How what a run attacks was given.
+
+    Attributes:
+        by: The `id` of an environment, the text of a `toml` file, or `python`, where only the
+            program that made the application, or a keyword of the id, can make it again.
+        id: The environment's id; empty where there is none.
+        keywords: Those of the id; None where there is no id, and in runs of format 1, which did not
+            record them: they follow from the application's settings.
+        toml: The file's text; empty in runs of format 1, which recorded its place alone.
+        file: Where it lay, as a `file:` URI: paths in it start there.
+    """
+
+    by: Literal["id", "toml", "python"]
+    id: str = ""
+    keywords: dict[str, Any] | None = None
+    toml: str = ""
+    file: str = ""
+
+    @classmethod
+    def of(cls, environment: str | Application, keywords: Mapping[str, Any]) -> Self:
+        """Record an environment as `attack` takes it."""
+        if isinstance(environment, Application):
+            return cls(by="python")
+        if names_file(environment):
+            return cls.of_file(Path(environment))
+        try:
+            plain = json.loads(json.dumps(dict(keywords), allow_nan=False, default=os.fspath))
+        except (TypeError, ValueError):  # an agent, say, that lives in this program alone
+            return cls(by="python", id=environment)
+        return cls(by="id", id=environment, keywords=plain)
+
+    @classmethod
+    def of_file(cls, path: Path) -> Self:
+        """Record a TOML file."""
+        text = read_file(path, MAX_TOML_BYTES).decode("utf-8-sig", errors="replace")
+        return cls(by="toml", toml=text, file=path.absolute().as_uri())
+
+    @property
+    def path(self) -> Path:
+        """Where the TOML file lay."""
+        return Path(os.fsdecode(unquote_to_bytes(self.file.removeprefix(_SCHEME))))
+
+    def environment(self) -> str | Application:
+        """Return what opens it again: the id, the file while it is as it was, or its application.
+
+        Raises:
+            UserError: If the file's text describes no application any more.
+        """
+        if self.by != "toml":
+            return self.id
+        if not self.toml or (self.path.is_file() and self.of_file(self.path).toml == self.toml):
+            return str(self.path)
+        from sada_gym.envs.wrapped.toml import application_of, find_modules_in
+
+        find_modules_in(self.path.parent)
+        return application_of(parse_toml(self.toml.encode(), self.path), self.path)

@@ -1,0 +1,305 @@
+"""The run that an attack leaves: its settings, figures, worlds and findings, out of its folder."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from sada_gym.application import Application
+from sada_gym.diagnosis.record import Diagnosis, diagnosed_before
+from sada_gym.diagnosis.summary import rows as weakness_rows
+from sada_gym.errors import FileError, UserError, UserTypeError, plain
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.failures import Failures, listed_before
+from sada_gym.files import as_path, read_model, shown
+from sada_gym.parameters import ParameterSpace
+from sada_gym.run.folder import (
+    ADVERSARY_FOLDER,
+    REPORT_FILE,
+    RESULT_FILE,
+    SAMPLES_FILE,
+    SETTINGS_FILE,
+    STORE_FILE,
+    is_saved,
+    read_record,
+    read_samples,
+)
+from sada_gym.run.given import Given
+from sada_gym.run.summary import results_line, summary_rows, title
+from sada_gym.run.worlds import WORLDS_FILE, read_columns
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Run:
+    """A finished run; `print` shows its summary.
+
+    What later analyses write into the folder, `diagnosis` and `failures`, is read each time.
+
+    Attributes:
+        folder: The folder that `attack` wrote.
+        settings: What the run did.
+        given: How what it attacked was given.
+        samples: The M test samples.
+        was_finished: Whether `attack` found it finished, and evaluated nothing.
+    """
+
+    folder: Path
+    settings: RunSettings
+    given: Given
+    samples: Evaluations
+    was_finished: bool = False
+    kept: object = None  # a temporary folder lives as long as this
+
+    @property
+    def target(self) -> Target:
+        """What was attacked."""
+        return self.settings.experiment.target
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return plain(self.folder.absolute().name)
+
+    @cached_property
+    def result(self) -> RunReport:
+        """The figures of result.json; a FileError where it is damaged or of another version."""
+        return read_model(self.folder / RESULT_FILE, RunReport)
+
+    @cached_property
+    def queries(self) -> Evaluations | None:
+        """The training queries (Omega); None where run.sqlite does not hold all of them.
+
+        A StoreError if another process has it open.
+        """
+        count = self.settings.experiment.protocol.budget
+        with suppress(FileError):
+            count = self.result.search.queries
+        if not count:
+            return Evaluations.empty(self.samples.mu.shape[1])
+        if not (self.folder / STORE_FILE).is_file():
+            return None
+        seeds = evaluation_seeds(self.settings.seed, "train", 0, count)
+        with EvaluationStore(self.folder / STORE_FILE) as store:
+            return store.evaluations(store.context(self.target.application), seeds)
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """The weaknesses; None where there is no diagnosis, or it cannot be read."""
+        return diagnosed_before(self.folder)
+
+    @property
+    def failures(self) -> Failures | None:
+        """The failures among the samples; None where none are listed, or they cannot be read."""
+        return listed_before(self.folder)
+
+    @property
+    def parameters(self) -> ParameterSpace | None:
+        """The parameters; None where worlds.json does not name them."""
+        columns = read_columns(self.folder)
+        return None if columns is None else columns.space
+
+    @property
+    def html(self) -> Path | None:
+        """report.html; None where there is none."""
+        path = self.folder / REPORT_FILE
+        return path if path.is_file() else None
+
+    @property
+    def pictures(self) -> tuple[Path, ...]:
+        """The pictures."""
+        return tuple(sorted(self.folder.glob("*.png")))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The report and the pictures."""
+        return (*(() if self.html is None else (self.html,)), *self.pictures)
+
+    @property
+    def adversary_folder(self) -> Path:
+        """Where the trained adversary is saved."""
+        return self.folder / ADVERSARY_FOLDER
+
+    def worlds(self) -> Any:
+        """Return worlds.csv, the samples and queries in physical units, as a table.
+
+        That is a pandas DataFrame where pandas is installed, and else a list of dictionaries.
+
+        Raises:
+            FileError: If the folder has no worlds.csv.
+        """
+        path = self.folder / WORLDS_FILE
+        if not path.is_file():
+            raise FileError(
+                f"Expected {WORLDS_FILE} in {self.folder}, got none. Make it by `sada-gym report "
+                f"{self.folder}`."
+            )
+        try:
+            pandas: Any = import_module("pandas")
+        except ImportError:
+            with path.open(newline="", encoding="utf-8") as file:
+                return [{k: _cell(v) for k, v in row.items()} for row in csv.DictReader(file)]
+        return pandas.read_csv(path)
+
+    def open(self, application: Application | str | None = None, *, workers: int = 1) -> OpenTarget:
+        """Open what the run attacked, and check that it is the same application and agent.
+
+        Args:
+            application: The application, an environment's id or a TOML file, where the run cannot
+                say it: what was made in Python has to be handed over.
+            workers: 1 evaluates in this process, more in as many others.
+
+        Raises:
+            UserError: If it cannot be opened, or differs.
+        """
+        if not isinstance(application, Application | str | None):
+            raise UserTypeError(
+                f"Expected an Application, an environment's id or a TOML file, got {application!r}."
+            )
+        mend = (
+            "If a TOML file describes it, name that by --application FILE.toml. If you made it in "
+            "Python, hand it over: application=YOURS."
+        )
+        if application is None and self.given.by == "python":
+            raise UserError(
+                f"Expected a run whose settings can open what it attacked, got that of "
+                f"{self.folder}: it attacked {shown(self.target.track)} in an application of "
+                f"yours. {mend}"
+            )
+        try:
+            opened = self._opened(application, workers)
+        except UserError as error:
+            raise UserError(
+                f"Expected to open {shown(str(self.target))} as the run in {self.folder} did, but: "
+                f"{error} {mend}"
+            ) from error
+        try:
+            self.check_samples(opened)
+        except BaseException:
+            opened.close()
+            raise
+        return opened
+
+    def check_samples(self, opened: OpenTarget) -> None:
+        """Raise a UserError unless the samples are worlds of what was opened."""
+        if self.samples.mu.shape[1] != opened.dimension:
+            raise UserError(
+                f"Expected samples of {opened.dimension} parameters, got "
+                f"{self.samples.mu.shape[1]}. The run's {SAMPLES_FILE} is of another run."
+            )
+        opened.parameters.validate(self.samples.mu)
+
+    def _opened(self, application: Application | str | None, workers: int) -> OpenTarget:
+        if application is None:
+            application, keywords = self.given.environment(), self.given.keywords
+            if self.given.by == "id" and keywords is not None:
+                return self.target.opened(
+                    Evaluator(str(application), env_kwargs=keywords, workers=workers)
+                )
+        return self.target.open(application, workers=workers)
+
+    def env_kwargs(self) -> dict[str, Any]:
+        """Return the keywords of its id; a UserError where only opening it tells, and it fails."""
+        known = self.given.keywords
+        return self.target.env_kwargs() if known is None else dict(known)
+
+    def open_changed(
+        self, env_kwargs: Mapping[str, Any], *, agent: str | None = None, **options: Any
+    ) -> OpenTarget:
+        """Open the same track with other keywords, or another agent, than the run attacked.
+
+        All other keywords stay. `options` are those of `OpenTarget.of`, whose errors it raises.
+        """
+        keywords = {**self.env_kwargs(), **env_kwargs}
+        own = keywords.pop("agent", self.target.agent)
+        return OpenTarget.of(self.target.track, keywords, agent=agent or own, **options)
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the name and the text of each finding."""
+        diagnosis, failures = self.diagnosis, self.failures
+        where = () if diagnosis is None else weakness_rows(diagnosis)
+        further = () if failures is None else failures.rows()
+        yield from summary_rows(self.result, further, where=where, space=self.parameters)
+
+    def __repr__(self) -> str:
+        """Write the summary: how often the agent failed, where, and by which files."""
+        rows = list(self.rows())
+        width = max(len(name) for name, _ in rows)
+        lines = [f"  {name:<{width}}   {text}" for name, text in rows]
+        return "\n".join([title(self.result), *lines, results_line(self.folder, self.files)])
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run that `attack` finished.
+
+    Raises:
+        FileError: If the folder holds no run, the run is not finished, or a file is damaged.
+    """
+    path = as_path(folder, "a run's folder")
+    if not (path / SETTINGS_FILE).is_file():
+        raise FileError(
+            f"Expected a folder that `sada-gym attack` wrote, got {path}, which holds no "
+            f"{SETTINGS_FILE}. Name the folder that --out (out=) named."
+        )
+    record = read_record(path)
+    if not (path / SAMPLES_FILE).exists():
+        raise FileError(
+            f"Expected the run in {path} to be finished, got no {SAMPLES_FILE} in it. Finish it "
+            "with --resume (resume=True)."
+        )
+    samples = read_samples(path / SAMPLES_FILE)
+    if not len(samples):
+        raise FileError(f"Expected samples in {path / SAMPLES_FILE}, got none.")
+    return Run(path, record.settings, record.given, samples)
+
+
+def read_finished(folder: Path, settings: RunSettings, dimension: int) -> Run | None:
+    """Read a run of these settings to which nothing is missing; None where anything is.
+
+    To go on with such a run makes the missing or damaged file anew.
+
+    Raises:
+        StoreError: If another process has the run's store open.
+    """
+    if not is_saved(folder / ADVERSARY_FOLDER) or not (folder / STORE_FILE).exists():
+        return None
+    try:
+        run = replace(load_run(folder), was_finished=True)
+        is_same = run.result.settings == settings
+    except FileError:
+        return None
+    shape = (settings.experiment.protocol.samples, dimension)
+    return run if is_same and run.samples.mu.shape == shape and run.queries is not None else None
+
+
+def as_run(run: Run | str | Path) -> Run:
+    """Return a run that is named by itself or by its folder; see `load_run`."""
+    return run if isinstance(run, Run) else load_run(run)
+
+
+def as_runs(runs: Run | str | Path | Sequence[Run | str | Path]) -> list[Run]:
+    """Return a run, or several; a UserError for anything else, or for none."""
+    listed = [runs] if isinstance(runs, Run | str | Path) else runs
+    if not isinstance(listed, Sequence) or not all(
+        isinstance(run, Run | str | Path) for run in listed
+    ):
+        raise UserTypeError(f"Expected a run's folder or a list of them, got {runs!r}.")
+    if not listed:
+        raise UserError("Expected at least one run, got none. Name the folder of one.")
+    return [as_run(run) for run in listed]
+
+
+def _cell(text: str) -> int | float | str:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
