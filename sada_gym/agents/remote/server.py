@@ -354,8 +354,8 @@ def _sendable(actions: Any, count: int, interface: Interface) -> Array:
     except (TypeError, ValueError):
         array = np.empty(0, object)
     if array.dtype not in DTYPES.values() or array.shape != shape:
-        shown = str(actions)[:100]
         raise UserError(
-            f"Expected actions of shape {shape} from the agent, got {shown}. Mend what it returns."
+            f"Expected actions of shape {shape} from the agent, got {shown(str(actions))}. Mend "
+            "what it returns."
         )
     return array

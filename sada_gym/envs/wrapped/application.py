@@ -347,8 +347,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def _check_ranges(self) -> None:
         """Begin the worlds at both ends of all ranges, so that bad ranges are found at once."""
         corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
-        permitted = self.permits(corners)
-        worlds = corners if permitted is None else corners[permitted]
+        worlds = corners[self._possible(corners)]
         spec = replace(self.episode_spec, on_error="raise")
         starts = self._starts(worlds, [0, 0][: len(worlds)])
         with closing(GymnasiumEpisodes(spec, starts)) as episodes:
@@ -396,8 +395,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:
         """Return which worlds of mu, (n, d), are feasible; None where all are."""
-        if not self._feasible.conditions:
-            return None
+        return self._possible(mu) if self._feasible.conditions else None
+
+    def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
         return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
     @property
@@ -585,37 +585,21 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         ]
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        permitted = self.permits(mu)
         score = np.full(len(mu), INVALID_SCORE)
-        extras: list[dict[str, Any]] = [{} for _ in seeds]
-        left = [i for i in range(len(mu)) if permitted is None or permitted[i]]
-        for i in {*range(len(mu))} - {*left}:
-            (values,) = self._values(mu[i : i + 1])
-            extras[i] = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
-            extras[i] |= self._discrete_values(values)
-        while left:
-            played = self._play_some(mu[left], [seeds[i] for i in left])
-            for i, (one, extra) in zip(left, played, strict=False):
-                score[i], extras[i] = one, extra
-            left = left[len(played) :]
-        self._warn_of_clipping(extras)
-        return Scored(score, extras)
-
-    def _play_some(self, mu: Mu, seeds: Sequence[int]) -> list[tuple[float, dict[str, Any]]]:
-        """Play the first of some worlds, at least one, as many as fit the memory at once."""
-        played = []
-        for together in self._ended(mu, seeds, self.policy):
+        outside = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
+        extras = [{**outside, **self._discrete_values(values)} for values in self._values(mu)]
+        for i, together in self._all_ended(mu, seeds, self.policy):
             broken = next((episode.broken for episode in together if episode.broken), "")
-            score = float(np.mean([episode.score for episode in together]))
-            extra = {
+            mean = float(np.mean([episode.score for episode in together]))
+            score[i] = 0.0 if broken and self._on_error == "fooled" else mean
+            extras[i] |= {
                 "invalid": broken if self._on_error == "invalid" else "",
                 "return": float(np.mean([sum(episode.rewards) for episode in together])),
                 "length": float(np.mean([len(episode.rewards) for episode in together])),
                 "clipped": any(episode.clipped for episode in together),
-                **self._discrete_values(together[0].start.values),
             }
-            played.append((0.0 if broken and self._on_error == "fooled" else score, extra))
-        return played
+        self._warn_of_clipping(extras)
+        return Scored(score, extras)
 
     def _ended(
         self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
@@ -664,8 +648,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
     ) -> Iterator[tuple[int, list[RunningEpisode]]]:
         """Play all worlds that are feasible to their ends; yield their places and episodes."""
-        permitted = self.permits(mu)
-        left = [i for i in range(len(mu)) if permitted is None or permitted[i]]
+        left = np.flatnonzero(self._possible(mu)).tolist()
         while left:
             with isolated_rng(self):
                 worlds = self._ended(mu[left], [seeds[i] for i in left], policy)
@@ -680,8 +663,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if len(mu) < _TRIED and not is_watched():
             shares = np.linspace(0.9, 0.7, _TRIED - len(mu), dtype=np.float32)[:, None]
             others = shares * mu[0] - np.float32(0.01)
-            permitted = self.permits(others)
-            others = others if permitted is None else others[permitted]
+            others = others[self._possible(others)]
             mu, seeds = np.concatenate([mu, others]), [*seeds, *(len(others) * seeds[:1])]
         together = self._answers(mu, seeds)
         alone = [self._answers(mu[i : i + 1], seeds[i : i + 1])[0] for i in range(len(mu))]

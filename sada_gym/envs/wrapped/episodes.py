@@ -31,6 +31,7 @@ from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, broken_world, explained
 from sada_gym.evaluation import watch
+from sada_gym.files import shown
 from sada_gym.frames import as_frame
 
 MEMORY_BYTES = 2**28
@@ -41,7 +42,6 @@ MOST_STEPS = 100_000
 
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 _NO_FRAME = (240, 320, 3)
-_LONGEST = 200
 
 _AGENT_STREAM = 2**31
 """Far from the streams of parameters."""
@@ -389,7 +389,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if has_nan(observation) and not self._spec.nan_observed:
             raise InvalidWorld(
                 f"Expected observations without NaN from {self._spec.factory.name}, got "
-                f"{_short(observation)} at step {len(self.rewards)} {self._world}. Narrow the "
+                f"{shown(str(observation))} at step {len(self.rewards)} {self._world}. Narrow the "
                 "ranges to worlds that the simulator can compute.",
                 "an observation holds NaN",
             )
@@ -405,8 +405,8 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if np.size(reward) != 1 or isinstance(reward, str | Mapping):
             raise UserTypeError(
                 f"Expected one number as a reward from {self._spec.factory.name}, got "
-                f"{_short(reward)}. Choose an entry or a weighted sum by a wrapper: let a function "
-                "make the environment, TransformReward(env, lambda reward: reward[0])."
+                f"{shown(str(reward))}. Choose an entry or a weighted sum by a wrapper: let a "
+                "function make the environment, TransformReward(env, lambda reward: reward[0])."
             )
         try:
             value = float(reward)
@@ -486,11 +486,6 @@ def _disturbed(env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -
     for disturbance, value, stream in sorted(disturbances, key=lambda entry: entry[0].layer):
         env = disturbance.wrap(env, value, np.random.default_rng(start.seed_sequence(stream)))
     return env
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _shapes(space: spaces.Space[Any]) -> Any:

@@ -119,15 +119,7 @@ def starter_file(
     """
     folder = folder or Path()
     find_modules_in(folder)
-    # a file's path and a program's parts are relative to the file that names them
-    opened = agent_of(str(agent), Path.cwd() / "starter.toml")
-    named = [_line("agent", str(agent))]
-    if isinstance(opened, Path):
-        if not opened.is_file():
-            raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
-        named = [_line("agent", Path(os.path.relpath(opened, folder)).as_posix())]
-    elif place_of(str(agent), folder) is None:
-        named.append(_line("agent_id", str(agent)) + "  # change it whenever the agent changes")
+    opened, named = _agent(str(agent), folder)
     factory, notes = EnvFactory(env_id, dict(env_kwargs or {}), max_steps), list[str]()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -148,13 +140,40 @@ def starter_file(
         agents = _play(make, _DELAY, -1.0, agent=opened, count=EPISODES)
         chance = _play(make, _DELAY, -1.0, agent=_RandomActions(), count=EPISODES)
         known = [c for candidate in proposed if (c := _accepted(make, candidate)) is not None]
-        following = {path for candidate in known for path in candidate.derived}
-        candidates = [c for c in known if c.name not in following and all(c.derived.values())]
-        works, dead = list[_Candidate](), list[_Candidate]()
-        for candidate in candidates:
-            with suppress(UserError):  # a world that the environment cannot be in
-                probe = partial(_play, make, candidate, agent=opened, max_steps=_PROBE_STEPS)
-                (works if _differ(*probe(-1.0), *probe(1.0)) else dead).append(candidate)
+        chosen, others = _chosen(make, opened, known)
+    score, threshold, about_score = _score(agents, chance)
+    listed = ", ".join(candidate.name for candidate in chosen)
+    ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
+    notes = [f"Parameters: {listed}. {ranges} what can happen.", *notes, *about_score]
+    text = "\n".join(_lines(factory, named, score, threshold, chosen, others))
+    return StarterFile(f"{text}\n", tuple(notes), threshold is not None)
+
+
+def _agent(agent: str, folder: Path) -> tuple[Any, list[str]]:
+    """Return the agent that a text means, and its lines in a file in a folder."""
+    # a file's path and a program's parts are relative to the file that names them
+    opened = agent_of(agent, Path.cwd() / "starter.toml")
+    if isinstance(opened, Path):
+        if not opened.is_file():
+            raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
+        return opened, [_line("agent", Path(os.path.relpath(opened, folder)).as_posix())]
+    if place_of(agent, folder) is not None:
+        return opened, [_line("agent", agent)]
+    changed = "  # change it whenever the agent changes"
+    return opened, [_line("agent", agent), _line("agent_id", agent) + changed]
+
+
+def _chosen(
+    make: Callable[..., GymnasiumApplication], agent: Any, known: Sequence[_Candidate]
+) -> tuple[list[_Candidate], list[str]]:
+    """Choose what changes an episode of the agent, and tell of all others in comments."""
+    following = {path for candidate in known for path in candidate.derived}
+    candidates = [c for c in known if c.name not in following and all(c.derived.values())]
+    works, dead = list[_Candidate](), list[_Candidate]()
+    for candidate in candidates:
+        with suppress(UserError):  # a world that the environment cannot be in
+            probe = partial(_play, make, candidate, agent=agent, max_steps=_PROBE_STEPS)
+            (works if _differ(*probe(-1.0), *probe(1.0)) else dead).append(candidate)
     works.sort(key=lambda one: (not _PHYSICS.search(one.name), one.name))
     chosen = works[:MAX_PARAMETERS] or candidates[:1]
     others = [
@@ -169,33 +188,34 @@ def starter_file(
         elif unknown:
             said = f"is left out: {unknown} would keep the value computed from it"
             others.append(f"# {one.name} {said}")
-    score, threshold, about_score = _score(agents, chance)
-    lines = [
-        "# A first guess by `sada-gym init`: look at every line before you trust a result.",
-        _line("environment", factory.identity),
-        *named,
-        _line("score", score),
-        "# fooling_threshold =   # choose one when the agent is better than random actions"
-        if threshold is None
-        else _line("fooling_threshold", threshold),
-        *([] if factory.max_steps is None else [_line("max_steps", factory.max_steps)]),
-    ]
-    listed = ", ".join(candidate.name for candidate in chosen)
-    ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
-    notes = [f"Parameters: {listed}. {ranges} what can happen.", *notes, *about_score]
-    text = "\n".join([*lines, *_sections(factory.env_kwargs, chosen, others)])
-    return StarterFile(f"{text}\n", tuple(notes), threshold is not None)
+    return chosen, others
 
 
-def _sections(
-    env_kwargs: Mapping[str, Any], chosen: Sequence[_Candidate], others: Sequence[str]
+def _lines(
+    factory: EnvFactory,
+    agent: Sequence[str],
+    score: str | list[Any],
+    threshold: float | None,
+    chosen: Sequence[_Candidate],
+    others: Sequence[str],
 ) -> Iterator[str]:
-    derived = [item for candidate in chosen for item in candidate.derived.items()]
+    """Write the file, line by line."""
+    yield "# A first guess by `sada-gym init`: look at every line before you trust a result."
+    yield _line("environment", factory.identity)
+    yield from agent
+    yield _line("score", score)
+    if threshold is None:
+        yield "# fooling_threshold =   # choose one when the agent is better than random actions"
+    else:
+        yield _line("fooling_threshold", threshold)
+    if factory.max_steps is not None:
+        yield _line("max_steps", factory.max_steps)
+    derived = {path: text for candidate in chosen for path, text in candidate.derived.items()}
     for title, lines in {
-        "[env_kwargs]": [_line(*item) for item in env_kwargs.items()],
+        "[env_kwargs]": [_line(*item) for item in factory.env_kwargs.items()],
         "[parameters]": [*map(str, chosen)],
         "[derived]  # what the constructor computed from the parameters": [
-            _line(path, text) for path, text in dict(derived).items()
+            _line(*item) for item in derived.items()
         ],
         "# Other parameters that it could have:": others,
     }.items():
