@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sada_gym.benchmark.costs import CostEstimate, estimate_costs
 from sada_gym.benchmark.entries import Missing, find_missing
@@ -21,7 +22,7 @@ from sada_gym.benchmark.suite import Suite, Table
 from sada_gym.benchmark.targets import current_targets, without_outdated
 from sada_gym.errors import UserError, check_integer
 from sada_gym.evaluation.workers import MAX_WORKERS
-from sada_gym.files import file_errors
+from sada_gym.files import as_path, file_errors
 from sada_gym.measures.reference import FOLDER
 from sada_gym.results.entry import read_entries
 
@@ -72,8 +73,7 @@ def run_benchmark(
         WorkerError: If a run killed its process three times, or the executor gave up.
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
-    folder, references = Path(out), Path(references)
-    entries_folder = folder / ENTRIES if entries is None else Path(entries)
+    folder, entries_folder, references = _places(out, entries, references)
     called = callback or BenchmarkCallback()
     check_integer("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
@@ -121,9 +121,9 @@ def plan_benchmark(
     The costs follow from the finished runs in `out`; without `entries` those of `out` count. What
     does not fit, or cannot be read, is a TypeError or ValueError.
     """
-    folder = Path(out)
-    plan = make_plan(suite, Path(references))
-    missing = find_missing(folder / ENTRIES if entries is None else Path(entries), plan)
+    folder, entries_folder, references = _places(out, entries, references)
+    plan = make_plan(suite, references)
+    missing = find_missing(entries_folder, plan)
     return Outlook(missing, tuple(estimate_costs(missing.runs, read_costs(folder))), plan.notes)
 
 
@@ -142,8 +142,7 @@ def report_benchmark(
     those of the rules by which the results were made, and without `tracks` all of them. Another
     folder, or one without a result, is a ValueError.
     """
-    folder, references = Path(out), Path(references)
-    entries_folder = folder / ENTRIES if entries is None else Path(entries)
+    folder, entries_folder, references = _places(out, entries, references)
     with file_errors("read", entries_folder):
         if not entries_folder.exists():
             raise UserError(
@@ -170,3 +169,9 @@ def report_benchmark(
     write_tables(folder, results, notes)
     draw_benchmark(folder, results, chosen, targets)
     return BenchmarkResult(results, folder, entries_folder, tuple(notes))
+
+
+def _places(out: Any, entries: Any, references: Any) -> tuple[Path, Path, Path]:
+    folder = as_path(out, "the folder for the results")
+    kept = folder / ENTRIES if entries is None else as_path(entries, "the entries")
+    return folder, kept, as_path(references, "the reference sets")

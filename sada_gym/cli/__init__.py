@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -58,9 +60,19 @@ app = typer.Typer(
 
 def _load(name: str) -> Any:
     path, _, settings = _COMMANDS[name]
+    command = load(f"sada_gym.cli.{path}")
+    for given in inspect.signature(command).parameters.values():
+        if "Path" in str(given.annotation):
+            given.default.parser = _path
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name, context_settings=settings)(load(f"sada_gym.cli.{path}"))
+    alone.command(name, context_settings=settings)(command)
     return typer.main.get_command(alone)
+
+
+def _path(text: str) -> Path:
+    if not text:  # which pathlib takes for the working directory
+        raise typer.BadParameter("Expected a path, got ''. Name one, or . for this folder.")
+    return Path(text)
 
 
 def _stub() -> None:

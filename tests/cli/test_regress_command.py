@@ -19,6 +19,10 @@ from torch import nn
 from typer.testing import CliRunner
 
 from sada_gym.cli import app
+from sada_gym.envs.wrapped.toml import read_application
+from sada_gym.errors import Notice, UserError
+from sada_gym.regression.export import export
+from sada_gym.regression.regress import regress
 
 POLE = """
 environment = "CartPole-v1"
@@ -132,6 +136,53 @@ def test_the_heading_names_the_agent_under_test_and_the_one_that_the_suite_is_of
     same = run(*command, tmp_path / "the agent.pt").stdout
     assert same.startswith("the old one on CartPole-v1")
     assert "It is the same agent" in same
+
+
+@pytest.mark.long
+def test_a_suite_has_the_worlds_of_its_run_with_derived_attributes_and_a_module(
+    tmp_path, monkeypatch
+):
+    derived = {"polemass_length": "masspole * length", "total_mass": "masspole + masscart"}
+    (tmp_path / "leaning_agent.py").write_text("act = lambda seen: int(seen[2] > 0.02 * seen[3])\n")
+    text = POLE.replace("the agent.pt", "leaning_agent:act").replace(
+        "[parameters]", "[parameters]\nmasspole = [0.05, 1.0]"
+    )
+    table = "".join(f'{name} = "{text}"\n' for name, text in derived.items())
+    (tmp_path / "pole.toml").write_text(f"agent_id = 'leaning'\n{text}\n[derived]\n{table}")
+    words = "-a random --budget 0 --samples 40 --workers 1 --no-report --no-diagnose --out"
+
+    def in_new_process(*words):
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "path", [*sys.path])
+            patch.delitem(sys.modules, "leaning_agent", raising=False)
+            return run(*words)
+
+    attacked = in_new_process("attack", tmp_path / "pole.toml", *words.split(), tmp_path / "run")
+    assert attacked.exit_code == 0, attacked.output
+    suite = ["--out", tmp_path / "suite", "--confirm", "1"]
+    assert in_new_process("export", tmp_path / "run", *suite).exit_code == 0
+    words = ["regress", tmp_path / "suite", "--agent", "leaning_agent:act", "--json"]
+    told = json.loads(in_new_process(*words).stdout)
+    assert told["decision"]["status"] == "passed"
+    assert told["differences"] == []
+
+    worlds = [(world["case"]["mu"], world["case"]["seeds"]) for world in told["worlds"]]
+    mu, seeds = ([one for one, _ in worlds], [s for _, (s,) in worlds])
+    scores = [score for world in told["worlds"] for score in world["scores"]]
+    application = read_application(tmp_path / "pole.toml")
+    assert application.stale == {}
+    assert application.evaluate(mu, seeds).score.tolist() == scores
+    assert [
+        score for world in regress(tmp_path / "suite", application).worlds for score in world.scores
+    ] == scores
+
+    (tmp_path / "stale.toml").write_text(f"agent_id = 'leaning'\n{text}")
+    with pytest.warns(Notice, match="polemass_length"):
+        stale = read_application(tmp_path / "stale.toml")
+    assert stale.evaluate(mu, seeds).score.tolist() != scores
+    assert any("derived" in one for one in regress(tmp_path / "suite", stale).differences)
+    with pytest.raises(UserError, match="derived"):
+        export(tmp_path / "run", tmp_path / "other", application=stale)
 
 
 def test_too_few_worlds_are_inconclusive(folder, tmp_path):

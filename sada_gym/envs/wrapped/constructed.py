@@ -261,8 +261,8 @@ def describe_stale(stale: Mapping[str, str]) -> str:
     if unknown:
         said += f" Set {unknown} by a Function, or the parameters by a Keyword."
     return (
-        f"{' and '.join(stale)} were computed in the constructor and do not follow the parameters, "
-        f"so that the physics is wrong.{said} "
+        f"{' and '.join(stale)} {'was' if len(stale) < 2 else 'were'} computed in the constructor, "
+        f"without the parameters, so that the physics is wrong.{said} "
     )
 
 

@@ -6,7 +6,7 @@ fields of the bindings.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import inspect
 import os
 import re
@@ -87,9 +87,7 @@ def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplica
             raises it.
     """
     path = as_path(path, "a TOML file")
-    table = read_toml(path)
-    find_modules_in(path.parent)
-    return application_of(table, path, agent=agent)
+    return application_of(read_toml(path), path, agent=agent)
 
 
 def find_modules_in(folder: Path) -> None:
@@ -106,6 +104,7 @@ def application_of(
 
     Paths in the table are relative to the folder of `path`, which need not exist.
     """
+    find_modules_in(path.parent)
     keys, required = application_keys()
     check_known(f"key in {path}", table, [*keys])
     if agent is not None:  # statistics beside the file's agent are not this one's
@@ -118,6 +117,7 @@ def application_of(
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
     _check_values(table, path)
     _check_types(table, keys, path)
+    _check_own(table["environment"], path)
     agents = {key: table[key] for key in ("agent", "privileged") if key in table}
     arguments = {**table, **{key: agent_of(given, path, key) for key, given in agents.items()}}
     if agent is not None:
@@ -239,6 +239,7 @@ def agent_of(text: str | list[Any], path: Path, key: str = "agent") -> Any:
 
 def _imported(text: str, path: Path, key: str, expected: str) -> Any:
     module, _, name = text.rpartition(":")
+    _check_own(text, path)
     try:
         return getattr(importlib.import_module(module), name)
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
@@ -247,6 +248,19 @@ def _imported(text: str, path: Path, key: str, expected: str) -> Any:
             f"({described(error)}). Put the module beside the file, or set PYTHONPATH to the "
             "folder that holds it."
         ) from error
+
+
+def _check_own(text: str, path: Path) -> None:
+    """Refuse a `module:name` whose module lies beside the file, where another one is imported."""
+    top, *rest = re.split(r"[.:]", text)
+    files = [path.parent / f"{top}.py", path.parent / top / "__init__.py"]
+    own = [os.path.realpath(file) for file in files if rest and os.path.isfile(file)]
+    found = getattr(importlib.util.find_spec(top), "origin", None) if own else None
+    if found is not None and os.path.realpath(found) not in own:
+        raise UserError(
+            f"Expected the module {top!r} of {path} to be {own[0]}, got {found}, which has the "
+            "same name. Rename one of them."
+        )
 
 
 def _as_tuples(value: Any) -> Any:

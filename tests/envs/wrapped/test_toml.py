@@ -4,6 +4,7 @@ import codecs
 import inspect
 import json
 import re
+import sys
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -236,6 +237,30 @@ def test_an_agent_can_be_an_object_of_a_module(pole, tmp_path, monkeypatch):
     assert application.agent_name == "lean-1"
     assert application.fingerprint is not None
     assert application.evaluate([[0.0, 0.0, -1.0]], [0]).score > 0.3
+
+
+def test_modules_of_one_name_beside_two_files_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "nodding", raising=False)
+    for folder, action in (("one", 0), ("other", 1)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "nodding.py").write_text(f"def act(seen):\n    return {action}\n")
+        text = 'agent_id = "nod"' + POLE.replace("agents/pole.zip", "nodding:act")
+        (tmp_path / folder / "pole.toml").write_text(text)
+    for _ in range(2):  # the same file again is the same module
+        read_application(tmp_path / "one" / "pole.toml")
+    with pytest.raises(
+        UserError, match=r"'nodding' of .*other.pole.toml to be .*other.*, got .*one"
+    ):
+        read_application(tmp_path / "other" / "pole.toml")
+    place = tmp_path / "other" / "pole.toml"
+    place.write_text(POLE.replace("CartPole-v1", "nodding:CartPole-v1"))
+    with pytest.raises(UserError, match="which has the same name"):
+        read_application(place, agent=lambda seen: 0)
+    (tmp_path / "other" / "json.py").write_text("")
+    place.write_text(POLE.replace("agents/pole.zip", "json:loads"))
+    with pytest.raises(UserError, match=r"'json' of .* which has the same name"):
+        read_application(place)
 
 
 def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):

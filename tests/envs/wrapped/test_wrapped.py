@@ -256,6 +256,25 @@ def test_partial_functions_that_make_other_environments_are_told_apart():
     assert weak.settings != strong.settings
 
 
+@pytest.mark.parametrize("on_error", ["raise", "invalid", "fooled"])
+def test_a_reward_of_several_numbers_gets_the_advice_to_choose_one(on_error):
+    """No world is at fault, so that none counts as fooled or invalid."""
+    advice = r"Expected one number as a reward from Reach, got .* Choose an entry .* by a wrapper"
+    with pytest.raises(TypeError, match=rf"{advice}.*TransformReward\(env, lambda reward: reward"):
+        reach(reward=np.array([1.0, 2.0]), on_error=on_error).evaluate([[0.0]], [0])
+
+
+def test_the_advice_on_a_reward_of_several_numbers_works():
+    def make(**kwargs):
+        env = toys.Reach(reward=np.array([0.25, 2.0]), **kwargs)
+        return gym.wrappers.TransformReward(env, lambda reward: reward[0])
+
+    chosen = reach(environment=make, score=("return", 0, 10))
+    plain = reach(reward=0.25, score=("return", 0, 10))
+    scores = [one.evaluate([[0.0]], [0]).score for one in (chosen, plain)]
+    np.testing.assert_array_equal(*scores)
+
+
 def test_a_reward_that_is_no_number_gets_a_sentence():
     with pytest.raises(ValueError, match="rewards that are finite numbers from Reach"):
         reach(reward=np.nan, on_error="raise").evaluate([[0.0]], [0])
