@@ -151,7 +151,7 @@ class _Chart:
 
 @cache
 def _chart(width: int) -> _Chart:
-    whole = town_plan(camera(LAYOUT))
+    whole = _town_plan(camera(LAYOUT))
     texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
     low = np.floor((corners.min(axis=0) - _EDGE_M - whole.corner) / texel)
@@ -161,7 +161,7 @@ def _chart(width: int) -> _Chart:
     return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def town_plan(town_camera: TownCamera) -> _Chart:
+def _town_plan(town_camera: TownCamera) -> _Chart:
     """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(town_camera.plan(_MAP_LEVEL).copy())
     chart = _Chart(picture, town_camera.ground.origin, town_camera.ground.texel_m * 2**_MAP_LEVEL)

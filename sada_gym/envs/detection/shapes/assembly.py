@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from sada_gym.envs.detection.shapes.mesh_file import joined_faces
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape, Surface
 from sada_gym.envs.detection.shapes.triangles import Triangles
 from sada_gym.errors import UserError
@@ -47,8 +46,9 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
     points = np.concatenate([np.asarray(part.mesh.vertices, float) for part in parts])
     if not np.isfinite(points).all():
         raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
-    faces = joined_faces([part.mesh for part in parts])
+    faces = np.concatenate([part.mesh.faces for part in parts])
     owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
+    faces += np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])[owner, None]
     faces, kept = _welded(points, faces, owner)
     if not len(faces):
         raise UserError(f"Expected {name} to have a face with area, got none; give a solid part.")

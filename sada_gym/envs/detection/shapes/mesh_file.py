@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from sada_gym.envs.detection.shapes.companions import MAX_BYTES, Companions
@@ -91,11 +90,3 @@ def _read(file: Path, companions: Companions | None = None) -> Triangles:
     if companions is not None and not mesh.surfaces:
         return replace(mesh, surfaces=(Surface("", (0.7, 0.7, 0.7)),))
     return mesh
-
-
-def joined_faces(meshes: Sequence[trimesh.Trimesh]) -> npt.NDArray[np.int64]:
-    """Number the faces of meshes, (f, 3), for their vertices one after another."""
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    return np.concatenate(
-        [np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=True)]
-    )
