@@ -89,8 +89,8 @@ class Application(ABC):
     - what a stored score belongs to: `version`, `settings`, `fingerprint`;
     - the agent: `agent`, `agent_name`, `privileged_score`;
     - what the agent does in a failure, in words: `behaviour`, or `behaviours`;
-    - pictures: `render` and its `legend`, `frames_tell_values`, `render_batch`, `replay` and its
-      `render_fps`, `observation`;
+    - pictures: `render` and its `legend`, `frames_tell_values`, `render_batch`, `film_batch`,
+      `replay` and its `render_fps`, `observation`;
     - what a run costs: `seconds_per_world`;
     - `close`, where it holds anything.
 
