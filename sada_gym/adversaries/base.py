@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
+from sada_gym.adversaries.dialogue import Dialogue
 from sada_gym.adversaries.options import Options, choose_options
-from sada_gym.arrays import Floats
-from sada_gym.errors import check_integer
+from sada_gym.arrays import Bools, Floats
+from sada_gym.errors import UserError, check_integer
 from sada_gym.parameters import Mu
 
 MAX_DIMENSIONS = 1_000
@@ -68,6 +69,7 @@ class Adversary(ABC):
 
     options: Options
     on_step: Callable[[int, int], None] | None = None
+    _dialogue: Dialogue | None = None
 
     def __init__(
         self,
@@ -97,6 +99,53 @@ class Adversary(ABC):
     @abstractmethod
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution."""
+
+    def start(
+        self, budget: int, *, threshold: float, permits: Callable[[Mu], Bools] | None = None
+    ) -> None:
+        """Begin a training by `ask` and `tell`, which learns what `train` does to the last bit.
+
+        For loops and simulator farms that the caller owns:
+
+            adversary.start(budget=1_000, threshold=0.3)
+            while len(mu := adversary.ask(32)):
+                adversary.tell(mu, score(mu))
+            adversary.sample(100)
+
+        Args:
+            budget: The number of queries.
+            threshold: The agent is fooled where Q <= this.
+            permits: Says which worlds of mu, (n, d), can exist at all, (n,); None where all can.
+        """
+        check_integer("budget", budget, 0)
+        if self._dialogue is not None:
+            self._dialogue.leave()
+        self._dialogue = Dialogue(self.train, self.dimension, budget, threshold, permits)
+
+    def ask(self, n: int) -> Mu:
+        """Return up to n queries to score, (m, d) float32; none where the training is over.
+
+        Raises:
+            UserError: If nothing was started, or the scores of earlier queries are needed first.
+        """
+        check_integer("n", n, 1)
+        return self._started.ask(n)
+
+    def tell(self, mu: npt.ArrayLike, q: npt.ArrayLike) -> None:
+        """Take the scores q, (m,), of queries mu, (m, d), as `ask` returned them, in any order.
+
+        Raises:
+            UserError: If a query was not asked for, or a score is no finite number.
+        """
+        self._started.tell(mu, q)
+
+    @property
+    def _started(self) -> Dialogue:
+        if self._dialogue is None:
+            raise UserError(
+                "Expected a training that was started, got none. Call start(budget, threshold=...)."
+            )
+        return self._dialogue
 
     @abstractmethod
     def sample(self, n: int) -> Mu:

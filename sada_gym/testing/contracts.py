@@ -138,6 +138,15 @@ class AdversaryContract:
         assert_array_equal(oracle_again.queries, training.oracle.queries)
         assert_array_equal(again.sample(100), training.first_samples)
 
+    def test_asked_and_told_it_learns_the_same(self, training: Training) -> None:
+        oracle = RecordingOracle(AnalyticApplication(dimension=self.dimension), budget=self.budget)
+        adversary = self.make(self.dimension, 0)
+        adversary.start(self.budget, threshold=oracle.threshold)
+        while len(mu := adversary.ask(7)):
+            adversary.tell(mu, oracle(mu))
+        assert_array_equal(oracle.queries, training.oracle.queries)
+        assert_array_equal(adversary.sample(100), training.first_samples)
+
     def test_other_seed_other_result(self, training: Training) -> None:
         other, _ = self.train(seed=1)
         assert (other.sample(100) != training.first_samples).any()
