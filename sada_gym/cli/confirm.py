@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from sada_gym.cli.console import (
     env_kwargs_option,
     errors_as_sentences,
@@ -14,6 +12,7 @@ from sada_gym.cli.console import (
     key_values,
     option,
     print_json,
+    run_argument,
     say,
     scores_progress,
     workers_option,
@@ -22,7 +21,7 @@ from sada_gym.cli.transfer import show_notes
 
 
 def confirm(
-    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    run: Path = run_argument(),
     env_kwargs: list[str] | None = env_kwargs_option(),
     samples: int | None = option(None, "Take the first so many.", minimum=1, shown="all"),
     workers: int = workers_option(1),

@@ -73,6 +73,11 @@ def workers_option(default: int | None, shown: str | bool = True) -> Any:
     return option(default, text, "--workers", minimum=1, shown=shown)
 
 
+def run_argument() -> Any:
+    """Declare the argument RUN."""
+    return typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote.")
+
+
 def application_option(run: str = "a run") -> Any:
     """Declare `--application`."""
     text = f"What was attacked, where {run} cannot say it."

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from sada_gym.cli.console import (
     application_option,
     err,
@@ -13,6 +11,7 @@ from sada_gym.cli.console import (
     json_option,
     option,
     print_json,
+    run_argument,
     say,
     scores_progress,
     workers_option,
@@ -20,7 +19,7 @@ from sada_gym.cli.console import (
 
 
 def diagnose(
-    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    run: Path = run_argument(),
     fresh: int | None = option(
         None,
         "Fresh worlds to check the rules with.",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
 from rich.status import Status
 
 from sada_gym.cli.console import (
@@ -14,12 +13,13 @@ from sada_gym.cli.console import (
     json_option,
     option,
     print_json,
+    run_argument,
     say,
 )
 
 
 def replay(
-    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    run: Path = run_argument(),
     out_file: Path = option(
         ..., "The video; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"
     ),

@@ -13,12 +13,13 @@ from sada_gym.cli.console import (
     json_option,
     option,
     print_json,
+    run_argument,
     say,
 )
 
 
 def report(
-    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    run: Path = run_argument(),
     other: Path | None = typer.Argument(
         None, metavar="[OTHER]", help="A second run, to show both side by side."
     ),
