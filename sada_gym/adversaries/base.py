@@ -105,7 +105,7 @@ class Adversary(ABC):
     ) -> None:
         """Begin a training by `ask` and `tell`, which learns what `train` does to the last bit.
 
-        For loops and simulator farms that the caller owns:
+        For loops and simulator farms that the caller owns::
 
             adversary.start(budget=1_000, threshold=0.3)
             while len(mu := adversary.ask(32)):
