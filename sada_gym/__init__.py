@@ -64,4 +64,9 @@ __getattr__ = lazy_names(
     },
 )
 
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 register_environments()
