@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import shlex
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,12 +12,13 @@ from functools import cached_property
 import numpy as np
 
 from sada_gym.diagnosis.record import Diagnosis, Example, Rate, Weakness
+from sada_gym.diagnosis.summary import rate_text
 from sada_gym.diagnosis.summary import rows as weakness_rows
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import Protocol, RunReport, RunSettings
 from sada_gym.experiment.target import Target
 from sada_gym.failures import Failures
-from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.failure_regions import Condition, percent
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_choice import choose_failures
 from sada_gym.report.thumbnails import World, plot_of, sample
@@ -345,30 +345,19 @@ def _sentences(weakness: Weakness) -> Iterator[str]:
     if not weakness.is_checked:
         yield "Not yet confirmed: too few fresh worlds say so clearly."
     if weakness.inside is not None:
-        text = f"{_rate(weakness.inside)} of uniform worlds in it fool the agent"
+        text = f"{rate_text(weakness.inside)} of uniform worlds in it fool the agent"
         if weakness.outside is not None:
-            text += f", and {_rate(weakness.outside)} elsewhere"
+            text += f", and {rate_text(weakness.outside)} elsewhere"
         yield f"{text}."
     groups = f", in {weakness.distinct} groups" if weakness.distinct > 1 else ""
     yield (
-        f"It holds {_percent(weakness.share)} of all failures ({weakness.failures:,}{groups}) in "
-        f"{_percent(weakness.volume)} of all worlds."
+        f"It holds {percent(weakness.share)} of all failures ({weakness.failures:,}{groups}) in "
+        f"{percent(weakness.volume)} of all worlds."
     )
     if weakness.confirmed is not None:
-        yield f"{_rate(weakness.confirmed)} of them fail again on fresh seeds."
+        yield f"{rate_text(weakness.confirmed)} of them fail again on fresh seeds."
     if weakness.behaviour is not None:
         yield f"{_heading(weakness.behaviour)}."
-
-
-def _rate(rate: Rate) -> str:
-    low, high = rate.interval_95
-    return f"{_percent(rate.rate)} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def _percent(share: float) -> str:
-    percent = 100 * share
-    shown = f"{percent:.1f}" if 0.0 < percent < 1.0 else f"{math.floor(percent + 0.5)}"
-    return f"{shown} %"
 
 
 def data_uri(picture: bytes) -> str:
