@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import warnings
+from functools import cache
 
 import pytest
 from families import family
@@ -16,12 +17,12 @@ from sada_gym.experiment.packages import installed, packages
 from sada_gym.registration import tracks
 
 DIGESTS = json.loads(FILE.read_text())
-FAST = (
+FAST = ("SADA-Detection-Bus-v0", "SADA-Digits-3-v0")
+LONG = (
     "SADA-Detection-Car-v0",
     "SADA-Driving-Straight-v0",
     "SADA-UAV-3Anchors-v0",
     "SADA-Robot-Warehouse-v0",
-    "SADA-Digits-3-v0",
 )
 VARIABLES = (
     "MKL_CBWR",
@@ -48,6 +49,7 @@ needs_avx2 = pytest.mark.skipif(
 )
 
 
+@cache
 def product(*before, **variables):
     """Import and compute in a process of its own; return its arithmetic and a product's digest."""
     inherited = {name: value for name, value in os.environ.items() if name not in VARIABLES}
@@ -61,13 +63,19 @@ def product(*before, **variables):
     return done.stdout.strip().split(";")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def canonical():
     return product()
 
 
 @needs_avx2
-@pytest.mark.parametrize("track", family(DIGESTS["attacks"], *FAST))
+@pytest.mark.parametrize(
+    "track",
+    [
+        *family([track for track in DIGESTS["attacks"] if track not in LONG], *FAST),
+        *(pytest.param(track, marks=pytest.mark.long) for track in LONG),
+    ],
+)
 def test_an_attack_is_the_same_on_all_processors(track):
     if libm() != DIGESTS["libm"]:
         pytest.skip(

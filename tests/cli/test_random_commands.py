@@ -7,16 +7,19 @@ A sample runs with the long tests; all 500 and 300 run by
 
 from __future__ import annotations
 
+import inspect
 import os
 import random
 import re
 import shutil
 import signal
+import sys
 
 import pytest
 from typer.testing import CliRunner
 
 from sada_gym.cli import _COMMANDS, _load, app
+from sada_gym.lazy import load
 
 COMMANDS, FILES = 500, 300
 SAMPLE = 15  # of which a part runs with the long tests
@@ -64,6 +67,24 @@ PLACES += [
 RIGHT = {"attack": ["SADA-Digits-3-v0", "pole.toml"], "init": ["CartPole-v1"]}
 RIGHT |= {"envs": ["SADA-Digits-v0"], "regress": ["suite"], "submit": ["run", "entries/mine"]}
 """What comes first most of the time; of other commands that take something, a run."""
+VALID = {
+    "benchmark": [
+        "--track SADA-Analytic-v0 -a random --seeds 1 --images 0 --budget 5 --samples 3",
+        "--plan --suite digits",
+    ],
+    "check": ["pole.toml", "SADA-Analytic-v0", "push.py"],
+    "confirm": ["run --env-kwargs digit=4", "run --env-kwargs digit=4 --samples 4 --workers 1"],
+    "export": ["run --out new --confirm 0", "pole --out new.json --confirm 1"],
+    "fetch": ["efficientnet-lite0 --file bytes", "--json"],
+    "init": ["CartPole-v1 --agent push:act"],
+    "regress": ["suite --agent push:act", "suite --agent push:act --baseline push:act"],
+    "replay": ["run --out new.gif --seconds 1", "pole --out new.gif --seconds 1 --sample 2"],
+    "transfer": [
+        "run --to SADA-Digits-5-v0 --samples 4",
+        "pole --to pole.toml --samples 3 --out new.json",
+    ],
+}
+"""Lines that end with a result; some of these commands' lines are such a line and options more."""
 NUMBERS = ["0", "1", "2", "3", "-1", "1.5", "nan", "99999999999999999999", "1e3", "x", ""]
 TAKES_A_RUN = {"diagnose", "report", "replay", "transfer", "confirm", "export"}
 COSTLY = {"budget": "20", "samples": "6", "workers": "1", "steps": "1", "seeds": "1", "images": "0"}
@@ -73,7 +94,6 @@ COSTLY |= {"confirm": "1", "worlds": "2", "fps": "5", "episodes": "1", "count": 
 FIXED = {
     "attack": ["--budget", "12", "--samples", "4", "--workers", "1", "--no-report"],
     "benchmark": ["--plan"],
-    "check": ["--help"],  # `check` costs what an attack costs: its own tests run it
     "fetch": ["--file", "bytes"],
     "init": ["--agent", "push:act"],
 }
@@ -146,10 +166,14 @@ def made(tmp_path_factory):
 def workplace(made, tmp_path, monkeypatch):
     """A copy of that folder, in which a command runs; the next one begins with a fresh one."""
 
+    path = [place for place in sys.path if place != str(made)]
+
     def fresh(number):
         folder = tmp_path / str(number)
         shutil.copytree(made, folder, symlinks=True)
         monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "path", path)  # each folder has a module `push` of its own
+        monkeypatch.delitem(sys.modules, "push", raising=False)
         return folder
 
     return fresh
@@ -158,30 +182,42 @@ def workplace(made, tmp_path, monkeypatch):
 def random_line(number):
     """Return the words of a random command line."""
     rng = random.Random(f"line {number}")
-    name = rng.choice([*_COMMANDS])
+    name = rng.choice([*_COMMANDS, *VALID, "attack", "attack"])
+    parameters = [p for p in _load(name).params if not p.is_eager]
+    options = [p for p in parameters if p.param_type_name == "option"]
+    if name in VALID and rng.random() < 0.6:
+        words = [name, *rng.choice(VALID[name]).split()]
+        for option in rng.sample(options, min(len(options), rng.randint(0, 3))):
+            words += words_of(option, name, rng)
+        return words
     words, fixed = [name], [*FIXED.get(name, ())]
-    for parameter in _load(name).params:
-        if parameter.param_type_name == "option":
-            if rng.random() > 0.25 or parameter.is_eager:
+    for parameter in parameters:
+        if parameter in options:
+            if rng.random() > 0.25:
                 continue
+            words += words_of(parameter, name, rng)
             flag = max(parameter.opts, key=len)
-            words.append(flag)
             if flag in fixed:
                 place = fixed.index(flag)
                 del fixed[place : place + (1 if parameter.is_flag else 2)]
-            if not parameter.is_flag:
-                words.append(value_of(parameter, rng))
         elif rng.random() < 0.7 and name in TAKES_A_RUN | {*RIGHT}:
             words.append(rng.choice(RIGHT.get(name, ["run", "pole"])))
         elif rng.random() < 0.9:
-            words.append(value_of(parameter, rng))
+            words.append(value_of(parameter, name, rng))
     if rng.random() < 0.1:
         words.insert(rng.randint(0, len(words)), rng.choice(TEXTS))
     return words + fixed
 
 
-def value_of(parameter, rng):
-    is_costly, kind = parameter.name in COSTLY, str(parameter.bare_type)
+def words_of(option, name, rng):
+    flag = max(option.opts, key=len)
+    return [flag] if option.is_flag else [flag, value_of(option, name, rng)]
+
+
+def value_of(parameter, name, rng):
+    function = load(f"sada_gym.cli.{_COMMANDS[name][0]}")
+    kind = str(inspect.signature(function).parameters[parameter.name].annotation)
+    is_costly = parameter.name in COSTLY
     if is_costly and rng.random() < 0.7:
         return COSTLY[parameter.name]
     if is_costly or "int" in kind or "float" in kind:
