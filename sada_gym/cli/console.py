@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import shlex
+import shutil
 import signal
 import sys
 import textwrap
@@ -214,8 +215,10 @@ def stop_code(error: KeyboardInterrupt) -> int:
 
 def show_resume_hint(kept: str, *more: str) -> None:
     """Print after a stop what is kept, and the command line, with `more`, that goes on."""
-    given = sys.argv[1:]
-    command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
+    called, *given = sys.argv
+    is_on_path = shutil.which("sada-gym") is not None or os.path.basename(called) != "sada-gym"
+    words = ["sada-gym" if is_on_path else called, *given]
+    command = shlex.join(words + [option for option in more if option not in given])
     say(f"\nStopped. {kept}", console=err)
     say("Go on with:", console=err)
     err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)

@@ -23,7 +23,13 @@ import sada_gym
 from sada_gym import adversaries
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.cli import app
-from sada_gym.cli.console import Terminated, errors_as_sentences, key_values, say
+from sada_gym.cli.console import (
+    Terminated,
+    errors_as_sentences,
+    key_values,
+    say,
+    show_resume_hint,
+)
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
@@ -596,3 +602,24 @@ def test_a_benchmarks_report_is_of_the_suite_that_is_named(given, monkeypatch, t
     suite = find_suite(given[1]) if given else None
     assert chosen.get("tracks") == (suite.tracks if suite else None)
     assert chosen.get("tables") == (suite.tables if suite else None)
+
+
+@pytest.mark.parametrize(
+    ("called", "path", "told"),
+    [
+        ("bin/sada-gym", "bin", "sada-gym"),
+        ("bin/sada-gym", "elsewhere", "bin/sada-gym"),
+        ("sada_gym/__main__.py", "elsewhere", "sada-gym"),
+    ],
+)
+def test_the_command_that_goes_on_is_found_where_it_was_called(
+    called, path, told, tmp_path, monkeypatch, capsys
+):
+    """`make attack` calls the command of an environment that is not active."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "sada-gym").touch(0o755)
+    monkeypatch.setenv("PATH", path)
+    monkeypatch.setattr(sys, "argv", [called, "attack", "ID", "--out", "a b"])
+    show_resume_hint("Some evaluations are kept.", "--resume")
+    assert capsys.readouterr().err.splitlines()[-1] == f"  {told} attack ID --out 'a b' --resume"
