@@ -81,7 +81,7 @@ VALID = {
     "replay": ["run --out new.gif --seconds 1", "pole --out new.gif --seconds 1 --sample 2"],
     "transfer": [
         "run --to SADA-Digits-5-v0 --samples 4",
-        "pole --to pole.toml --samples 3 --out new.json",
+        "run --to SADA-Digits-3-v0 --seed 7 --out new.json",
     ],
 }
 """Lines that end with a result; some of these commands' lines are such a line and options more."""
@@ -172,7 +172,7 @@ def workplace(made, tmp_path, monkeypatch):
         folder = tmp_path / str(number)
         shutil.copytree(made, folder, symlinks=True)
         monkeypatch.chdir(folder)
-        monkeypatch.setattr(sys, "path", path)  # each folder has a module `push` of its own
+        monkeypatch.setattr(sys, "path", [*path])  # each folder has a module `push` of its own
         monkeypatch.delitem(sys.modules, "push", raising=False)
         return folder
 
