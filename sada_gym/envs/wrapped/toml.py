@@ -6,6 +6,7 @@ fields of the bindings.
 
 from __future__ import annotations
 
+import filecmp
 import importlib.util
 import inspect
 import os
@@ -255,12 +256,17 @@ def _check_own(text: str, path: Path) -> None:
     top, *rest = re.split(r"[.:]", text)
     files = [path.parent / f"{top}.py", path.parent / top / "__init__.py"]
     own = [os.path.realpath(file) for file in files if rest and os.path.isfile(file)]
-    found = getattr(importlib.util.find_spec(top), "origin", None) if own else None
-    if found is not None and os.path.realpath(found) not in own:
+    found = str(getattr(importlib.util.find_spec(top), "origin", None) or "") if own else ""
+    is_other = found and os.path.realpath(found) not in own
+    if is_other and not (own[0].endswith(f"{top}.py") and _equal(found, own[0])):  # a copy may be
         raise UserError(
             f"Expected the module {top!r} of {path} to be {own[0]}, got {found}, which has the "
             "same name. Rename one of them."
         )
+
+
+def _equal(one: str, other: str) -> bool:
+    return os.path.isfile(one) and filecmp.cmp(one, other, shallow=False)
 
 
 def _as_tuples(value: Any) -> Any:

@@ -4,6 +4,7 @@ import codecs
 import inspect
 import json
 import re
+import shutil
 import sys
 from contextlib import closing
 from dataclasses import dataclass, fields
@@ -247,8 +248,9 @@ def test_modules_of_one_name_beside_two_files_are_told_apart(tmp_path, monkeypat
         (tmp_path / folder / "nodding.py").write_text(f"def act(seen):\n    return {action}\n")
         text = 'agent_id = "nod"' + POLE.replace("agents/pole.zip", "nodding:act")
         (tmp_path / folder / "pole.toml").write_text(text)
-    for _ in range(2):  # the same file again is the same module
-        read_application(tmp_path / "one" / "pole.toml")
+    copy = shutil.copytree(tmp_path / "one", tmp_path / "copy")
+    for folder in (tmp_path / "one", tmp_path / "one", copy):  # the same file is the same module
+        read_application(folder / "pole.toml")
     with pytest.raises(
         UserError, match=r"'nodding' of .*other.pole.toml to be .*other.*, got .*one"
     ):
