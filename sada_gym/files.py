@@ -86,8 +86,8 @@ OneLine = Annotated[str, AfterValidator(_printable)]
 
 
 def as_path(given: Any, what: str) -> Path:
-    """Return a user's path of `what`; raise `UserTypeError` if no path is so."""
-    if not isinstance(given, str | os.PathLike) or given == "" or "\0" in str(given):
+    """Return a user's path of `what`; raise `UserTypeError` if it is none, or empty."""
+    if not isinstance(given, str | os.PathLike) or given == "":
         raise UserTypeError(f"Expected the path of {what}, got {given!r}.")
     return Path(given)
 

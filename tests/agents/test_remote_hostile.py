@@ -410,7 +410,7 @@ def hostile(served):
 
 def check_refused(connection):
     """Read an error in one sentence, or the end."""
-    with suppress(ConnectionError):
+    with suppress(OSError):  # it may be closed already
         connection.shutdown(socket.SHUT_WR)
         content = connection.recv(4, socket.MSG_WAITALL)
         if content:

@@ -71,7 +71,8 @@ def line(command, name, path):
     return [command, *words, flags[0], path]
 
 
-@pytest.mark.parametrize("path", ["", "x" * 300, "zero\0byte"], ids=["empty", "long", "NUL"])
+# no command line holds a NUL
+@pytest.mark.parametrize("path", ["", "x" * 300], ids=["empty", "long"])
 @pytest.mark.parametrize(("command", "name"), TAKEN, ids=map("-".join, TAKEN))
 def test_a_path_that_cannot_be_is_a_sentence(command, name, path, made, monkeypatch):
     monkeypatch.chdir(made)
@@ -91,7 +92,7 @@ def test_every_path_was_found():
 
 @pytest.mark.parametrize("path", ["", "zero\0byte", 3])
 def test_python_refuses_such_a_path_too(path, made):
-    with pytest.raises(UserError, match="Expected the path of a suite"):
+    with pytest.raises(UserError, match=r"Expected the path of a suite|its name holds a NUL"):
         export([made / "run"], path)
-    with pytest.raises(UserError, match="Expected the path of the folder for the results"):
+    with pytest.raises(UserError, match=r"Expected the path of the folder for|holds a NUL"):
         attack("SADA-Analytic-v0", "random", budget=5, out=path)

@@ -147,7 +147,7 @@ def test_bad_settings_are_refused_before_anything_is_written(tmp_path, settings,
 def test_no_path_is_refused_in_a_sentence():
     with pytest.raises(TypeError, match="Expected the path of the folder for the results, got 5"):
         run(5)
-    with pytest.raises(ValueError, match=r"folder for the results, got 'a\\x00b'"):
+    with pytest.raises(ValueError, match="its name holds a NUL"):
         run("a\0b")
 
 
