@@ -58,6 +58,7 @@ def test_equal_frames_become_one_longer_frame():
     assert (len(pictures), times) == (1, [500])
 
 
+@pytest.mark.long
 def test_a_small_limit_makes_it_smaller_and_keeps_the_ending():
     frames = [np.random.default_rng(i).integers(0, 256, (90, 120, 3), np.uint8) for i in range(20)]
     large = len(gif(frames, [0.1] * 19 + [1.5], 10**9))
