@@ -157,13 +157,14 @@ def attack(
         run = read_finished(folder, settings, opened.dimension) if resume else None
         if run is None:
             run = _train_and_test(reserved, settings, solver, opened, report)
-        if diagnose and run.diagnosis is None:
+        known = run.diagnosis if diagnose else None
+        if diagnose and known is None:
             report(RunProgress("diagnose"))
         is_new = analyse(
             run,
             opened,
             rules=diagnose,
-            diagnosis=run.diagnosis if diagnose else None,
+            diagnosis=known,
             confirm=confirm,
             on_scores=lambda stage, *counts: report(RunProgress(stage, *counts)),
         )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32, as_array, real_numbers
+from sada_gym.arrays import Bools, Floats, Floats32, as_array, real_numbers
 from sada_gym.errors import UserError, UserTypeError, check_plain
 
 _LONGEST_NAME = 100
@@ -19,6 +20,9 @@ _MANTISSAS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2,
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
+
+Permits = Callable[[Mu], Bools]
+"""Says which worlds of mu, (n, d), can exist at all, (n,)."""
 
 
 @dataclass(frozen=True)

@@ -258,13 +258,12 @@ class _Wanted:
             check_integer("samples", count, 1, len(samples))
             samples = samples[:count]
         with run.open(application) as opened:
-            mu = opened.parameters.validate(samples.mu)
+            parameters = opened.parameters
         seeds = samples.seed.tolist()
         if seed is not None:
             check_integer("seed", seed, 0)
             seeds = evaluation_seeds(seed, "validation", 0, len(samples))
-        samples = Evaluations(mu, samples.score, samples.seed, samples.invalid)
-        return cls(run, samples, seeds, opened.parameters)
+        return cls(run, samples, seeds, parameters)
 
 
 @dataclass(frozen=True, eq=False)

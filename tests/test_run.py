@@ -32,8 +32,7 @@ def stored(tmp_path, monkeypatch):
     sys.modules.pop("pole", None)
 
 
-def pole(folder):
-    sys.path.insert(0, str(folder))
+def pole():
     from pole import AGENT
 
     return GymnasiumApplication(
@@ -53,7 +52,7 @@ def test_a_run_of_the_format_before_is_read_and_opened(stored, by):
     assert (len(run.samples), len(run.queries)) == (10, 24)
     assert run.result.settings == run.settings
     assert run.diagnosis is not None
-    with run.open(pole(stored) if by == "python" else None) as opened:
+    with run.open(pole() if by == "python" else None) as opened:
         again = opened.application.evaluate(run.samples.mu, run.samples.seed.tolist())
     np.testing.assert_array_equal(again.score, run.samples.score)
 

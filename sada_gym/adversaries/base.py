@@ -13,9 +13,9 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.dialogue import Dialogue
 from sada_gym.adversaries.options import Options, choose_options
-from sada_gym.arrays import Bools, Floats
+from sada_gym.arrays import Floats
 from sada_gym.errors import UserError, check_integer
-from sada_gym.parameters import Mu
+from sada_gym.parameters import Mu, Permits
 
 MAX_DIMENSIONS = 1_000
 """The most semantic parameters: no application has nearly as many, and a covariance fits memory."""
@@ -100,9 +100,7 @@ class Adversary(ABC):
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution."""
 
-    def start(
-        self, budget: int, *, threshold: float, permits: Callable[[Mu], Bools] | None = None
-    ) -> None:
+    def start(self, budget: int, *, threshold: float, permits: Permits | None = None) -> None:
         """Begin a training by `ask` and `tell`, which learns what `train` does to the last bit.
 
         For loops and simulator farms that the caller owns::

@@ -10,11 +10,9 @@ from queue import Queue
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools, Floats, real_scores
+from sada_gym.arrays import Floats, real_scores
 from sada_gym.errors import BudgetExhausted, UserError
-from sada_gym.parameters import Mu, validate_mu
-
-Permits = Callable[[Mu], Bools]
+from sada_gym.parameters import Mu, Permits, validate_mu
 
 
 class _Left(BaseException):
@@ -32,7 +30,7 @@ class Dialogue:
         dimension: d.
         budget: The number of queries.
         threshold: The agent is fooled where Q <= this.
-        permits: Says which worlds of mu, (n, d), can exist at all, (n,); None where all can.
+        permits: See `Permits`; None where all can exist.
     """
 
     def __init__(

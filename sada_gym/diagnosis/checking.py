@@ -15,7 +15,7 @@ from sada_gym.diagnosis.record import LEAST_FRESH
 from sada_gym.diagnosis.rules import draw, holds, volume
 from sada_gym.measures.failure_regions import Condition
 from sada_gym.measures.rates import Rate, weighted_rate
-from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.parameters import Mu, ParameterSpace, Permits
 
 MOST_RULES = 5
 
@@ -34,8 +34,6 @@ _DRAWS = 2**13
 
 Try = Callable[[Mu], tuple[Bools, Bools]]
 """Evaluates fresh worlds, (n, d): which fooled, and which are valid, both (n,)."""
-
-Permits = Callable[[Mu], Bools]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sada_gym.arrays import Bools, Indices
-from sada_gym.diagnosis.checking import MOST_RULES, Checker, Drawn, Permits, Try, stands
+from sada_gym.diagnosis.checking import MOST_RULES, Checker, Drawn, Try, stands
 from sada_gym.diagnosis.find import find_rules
 from sada_gym.diagnosis.grouping import parts_of
 from sada_gym.diagnosis.record import Diagnosis, Example, SumCondition, Weakness
@@ -19,7 +19,7 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.measures.failure_regions import MIN_FAILURES, Condition, percent, too_few
 from sada_gym.measures.groups import neighbourhoods, places
 from sada_gym.measures.rates import Rate
-from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.parameters import Mu, ParameterSpace, Permits
 
 _EXAMPLES = 5
 _FEWEST_UNIFORM = 30

@@ -260,19 +260,18 @@ def _check_one_target(runs: Sequence[Run]) -> None:
 
 
 def _item(run: Run, given: Given, suite: Path) -> Item:
-    path, agent = Path("x"), run.target.agent if given.by == "id" else None
-    toml = None
+    folder, toml, agent = Path(), None, run.target.agent if given.by == "id" else None
     if given.by == "toml":
-        path = given.path
-        toml = given.toml or Given.of_file(path).toml
-        agent = parse_toml(toml.encode(), path).get("agent")
+        folder = given.path.parent
+        toml = given.toml or Given.of_file(given.path).toml
+        agent = parse_toml(toml.encode(), given.path).get("agent")
     return Item(
         opened_by=given.by,
         target=run.target,
         env_kwargs=run.env_kwargs() if given.by == "id" else {},
         toml=toml,
-        folder=_relative(path.parent, suite) if toml else ".",
-        agent_file=_file(agent, path.parent, suite),
+        folder=_relative(folder, suite) if toml else ".",
+        agent_file=_file(agent, folder, suite),
         packages=run.settings.packages,
     )
 

@@ -274,13 +274,13 @@ def test_frames_need_a_pace(tmp_path, fps):
         replay(folder, application=Still())
 
 
-def drawing_application(draw, fps=10, **keywords):
+def drawing_application(draw, fps=10, kind=GymnasiumApplication, **keywords):
     def make(size=1.0, render_mode=None):
         env = Drawing(draw, size, render_mode)
         env.metadata = {**Drawing.metadata, "render_fps": fps}
         return env
 
-    return GymnasiumApplication(
+    return kind(
         make,
         agent=lambda observation: 0,
         agent_id="still",
@@ -370,19 +370,6 @@ def test_frames_may_differ_in_size_and_come_one_by_one(tmp_path):
 def test_an_own_replay_goes_before_our_takes():
     """Of six steps; a film of an episode that is this short has all of them."""
 
-    def make(kind):
-        return kind(
-            lambda size=1.0, render_mode=None: Drawing(
-                lambda step: np.full((9, 9, 3), 40 * step, np.uint8), size, render_mode
-            ),
-            agent=lambda observation: 0,
-            agent_id="still",
-            parameters={"size": (0.0, 1.0)},
-            score=("return", 0.0, 5.0),
-            fooling_threshold=0.5,
-            max_steps=9,
-        )
-
     class Mine(GymnasiumApplication):
         def replay(self, mu, seed):
             frames, score = super().replay(mu, seed)
@@ -393,7 +380,10 @@ def test_an_own_replay_goes_before_our_takes():
         (GymnasiumApplication, 6, "step 0  ·  return 0  ·  slow motion"),
         (Mine, 3, "0.0 s  ·  slow motion"),
     ):
-        (shot,) = make_clip(make(kind), mu, 0, 5.0).shots
+        application = drawing_application(
+            lambda step: np.full((9, 9, 3), 40 * step, np.uint8), kind=kind
+        )
+        (shot,) = make_clip(application, mu, 0, 5.0).shots
         assert len(shot.pictures) == count
         assert shot.notes[0] == note
 

@@ -398,6 +398,8 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         return self._possible(mu) if self._feasible.conditions else None
 
     def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
+        if not self._feasible.conditions:
+            return np.ones(len(mu), np.bool_)
         return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
     @property
