@@ -161,6 +161,9 @@ class WorkerPool:
             # any call: the pool starts a process for it
             self._started = [self.executor.submit(os.getpid) for _ in range(workers)]
         self._processes = set(active_children()) - before
+        for process in self._processes:
+            # a pool may be dropped while they start, and what they share must still be there
+            vars(process)["shared"] = numbers, self._warnings, self._watched
 
     @property
     def failed_to_start(self) -> bool:

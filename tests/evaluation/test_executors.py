@@ -206,6 +206,30 @@ def test_a_script_needs_no_guard(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.long
+def test_a_worker_that_starts_after_the_end_says_nothing(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, sys, time\n"
+        "if any('spawn_main' in word for word in sys.orig_argv):\n"
+        f"    try:\n        os.mkdir({str(tmp_path / 'first')!r})\n"
+        "    except FileExistsError:\n        time.sleep(4)\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sada_gym\n"
+        "from sada_gym.oracle import Oracle\n"
+        "Oracle('SADA-Analytic-v0', budget=4, workers=2)([[0.0, 0.0]] * 4)\n"
+    )
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 # a cluster elsewhere
 
 
