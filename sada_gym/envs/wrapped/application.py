@@ -4,77 +4,32 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.error import DependencyNotInstalled
 
-from sada_gym.agents import resolve
-from sada_gym.agents.agent_files import find_agent_file, load_agent_file
-from sada_gym.agents.contract import Agent, Interface
-from sada_gym.agents.functions import agent_of
+from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
-from sada_gym.agents.remote.places import Address, Program, place_of
-from sada_gym.application import (
-    INFEASIBLE,
-    INVALID_SCORE,
-    OnError,
-    Scored,
-    check_declared,
-    isolated_rng,
-)
-from sada_gym.arrays import Floats, Floats32
-from sada_gym.behaviour import Behaviour
+from sada_gym.application import OnError, check_declared
+from sada_gym.arrays import Floats32
 from sada_gym.densities import WorldDensity
-from sada_gym.determinism import check_deterministic, same_answer, single_threaded
-from sada_gym.drawing import stamped
-from sada_gym.envs.checks import has_nan, is_number
-from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import Rollout, play, record
-from sada_gym.envs.wrapped.behaviour import behaviour
-from sada_gym.envs.wrapped.bindings import (
-    Attribute,
-    Config,
-    ParameterBinding,
-    as_binding,
-    as_json,
-    check_distinct,
-)
-from sada_gym.envs.wrapped.constructed import (
-    by_keywords,
-    describe_stale,
-    describe_unscaled,
-    stale_attributes,
-)
+from sada_gym.envs.checks import is_number
+from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
 from sada_gym.envs.wrapped.derived import Derived
-from sada_gym.envs.wrapped.episodes import (
-    EpisodeSpec,
-    EpisodeStart,
-    GymnasiumEpisodes,
-    RunningEpisode,
-    make_world,
-    reset_arguments,
-)
-from sada_gym.envs.wrapped.factory import (
-    EnvFactory,
-    EnvLike,
-    code_name,
-    function_name,
-    layers,
-)
+from sada_gym.envs.wrapped.episodes import EpisodeSpec, GymnasiumEpisodes
+from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
-from sada_gym.envs.wrapped.inspection import check_environment, name_and_version, packages_of
-from sada_gym.envs.wrapped.privileged import Privileged
-from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
-from sada_gym.envs.wrapped.scores import FunctionScore, Length, Score, ScoreLike, as_score
+from sada_gym.envs.wrapped.inspection import Inspection, check_ranges
+from sada_gym.envs.wrapped.loading import AgentLoader
+from sada_gym.envs.wrapped.pictures import EpisodePictures
+from sada_gym.envs.wrapped.scores import FunctionScore, ScoreLike, as_score
 from sada_gym.errors import (
     Notice,
     UserError,
@@ -84,32 +39,22 @@ from sada_gym.errors import (
     check_plain,
     plain,
 )
-from sada_gym.evaluation.watch import is_watched, world_key
-from sada_gym.evaluations import fools
-from sada_gym.frames import Frame, LegendEntry, Take
 from sada_gym.lazy import load
-from sada_gym.parameters import Mu, ParameterSpace, number
-from sada_gym.seeds import validate_seeds, validate_world
+from sada_gym.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
 _USUAL_FPS = 30
 """Frames a second of environments that do not say it."""
-_MANY = 40
 _MOST_EPISODES = 100_000
 _MOST_WHOLE = 2**53
 _LONGEST_WAIT_S = 1e6  # sockets take twice as much
-_FEW_CLIPPED = 0.05
-_TRIED = 3
-"""Worlds that are played together and alone before the first score counts."""
-_MOST_AT_ONCE = 256
-"""Worlds played at once, where their memory allows."""
 _REGION_DRAWN, _REGION_FOUND = 10_000, 10
 """Worlds drawn to see whether the feasible region is large enough, and how many must lie in it."""
 
 
-class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
+class GymnasiumApplication(EpisodePictures):
     """A frozen agent acts in a Gymnasium environment whose physics, sensors and actuators mu sets.
 
     Every episode has a fresh environment, whose seed follows from the evaluation's seed, so that
@@ -243,10 +188,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             not is_number(timeout) or not 0 < timeout <= sys.float_info.max
         ):
             raise UserError(f"Expected timeout to be a number of seconds above 0, got {timeout!r}.")
-        self._on_error, self._timeout, self._valid = on_error, timeout, valid
-        factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
-        self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
-        self._episode_count, self._allow_pickle = episodes, allow_pickle
         if not is_number(agent_timeout) or not 0.0 < agent_timeout <= _LONGEST_WAIT_S:
             raise UserTypeError(
                 "Expected agent_timeout to be a number of seconds above 0 and of at most 1e6, got "
@@ -254,59 +195,55 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             )
         if not isinstance(deterministic, bool):
             raise UserTypeError(f"Expected deterministic to be a bool, got {deterministic!r}.")
-        self._deterministic = deterministic
-        self._vec_normalize: VecNormalize | Literal[False] | None
-        if vec_normalize is None or vec_normalize is False:
-            self._vec_normalize = vec_normalize
-        else:
+        self._on_error, self._timeout, self._episode_count = on_error, timeout, episodes
+        self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
+        factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
+        statistics: Any = vec_normalize
+        if statistics is not None and statistics is not False:
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
-            self._vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
+            statistics = load_statistics(vec_normalize, allow_pickle=allow_pickle)
         with closing(factory.make({})) as env:
-            self.episode_spec = self._explore(env, factory, parameters, as_score(score), derived)
-        if name is not None:
-            self.name = name  # type: ignore[misc]
-        check_declared(self)
-        given, name_of_agent = self._found(agent, agent_timeout)
-        super().__init__(given, agent_id)
-        self.agent_name = plain(agent_id or name_of_agent or self.agent_name)
-        self._privileged: Privileged | None = None
-        if privileged is not None:
-            given, known_as = self._found(privileged, agent_timeout)
-            known_as = known_as or resolve(given, self.name, None)[0]
-            policy = self._as_agent(given, known_as)
-            self._privileged = Privileged.of(known_as, policy, given, agent_id)
-        self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
-        self._clipped = self._scores = 0
-        self._at_once = _MOST_AT_ONCE
-        self._feasible = Feasible.of(feasible, self.parameters.names)
-        self._check_region()
-        if self.nominal is not None and self._feasible.conditions:
-            (may_exist,) = self.permits(self.nominal[None])  # type: ignore[misc]
-            self.nominal = self.nominal if may_exist else None
-        self._check_ranges()
-
-    def _explore(
-        self,
-        env: gym.Env[Any, Any],
-        factory: EnvFactory,
-        parameters: Mapping[str, Any],
-        score: Score,
-        derived: Mapping[str, str] | None,
-    ) -> EpisodeSpec:
-        self._metadata = dict(env.metadata)
-        fps: Any = self._metadata.get("render_fps")
+            self._inspection = inspection = Inspection.of(env, factory)
+            bindings = self._bind(parameters, factory, env)
+            self.episode_spec = EpisodeSpec(
+                factory,
+                bindings,
+                env.observation_space,
+                env.action_space,
+                as_score(score),
+                "the agent",
+                on_error,
+                valid,
+                timeout,
+                inspection.nan_observed,
+                Derived.given(derived, bindings, factory, env),
+            )
+        self.name, self.version = name or inspection.name, inspection.version  # type: ignore[misc]
+        self.packages = inspection.packages
+        fps: Any = inspection.metadata.get("render_fps")
         is_rate = is_number(fps) and 0 < fps < np.inf
         self.render_fps = fps if is_rate else _USUAL_FPS  # type: ignore[misc]
-        self._wrapped_by = tuple(
-            kind
-            for kind in (gym.ObservationWrapper, gym.ActionWrapper)
-            if any(isinstance(layer, kind) for layer in layers(env))
+        check_declared(self)
+        self._loader = AgentLoader(
+            inspection.interface, allow_pickle, statistics, deterministic, agent_timeout
         )
-        self._has_masks = env.has_wrapper_attr("action_masks")
-        self.packages = packages_of(env)
-        self._layers = tuple(type(layer) for layer in layers(env))
-        self.name, self.version = name_and_version(factory, env)  # type: ignore[misc]
-        nan_observed = has_nan(check_environment(env, factory))
+        loaded, name_of_agent = self._loader.load(agent)
+        super().__init__(loaded, agent_id)
+        self.agent_name = plain(agent_id or name_of_agent or self.agent_name)
+        self._privileged = self._loader.privileged(privileged, self.name, agent_id)
+        self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
+        self._feasible = Feasible.of(feasible, self.parameters.names)
+        if self._feasible.conditions:
+            self._check_region()
+        corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
+        worlds = corners[self._possible(corners)]
+        starts = self._starts(worlds, [0, 0][: len(worlds)])
+        self.stale = check_ranges(self.episode_spec, starts, episodes)
+
+    def _bind(
+        self, parameters: Mapping[str, Any], factory: EnvFactory, env: gym.Env[Any, Any]
+    ) -> dict[str, ParameterBinding]:
+        """Set `parameters`, `density` and `nominal`; return what the parameters set."""
         if not isinstance(parameters, Mapping) or not parameters:
             raise UserTypeError(
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
@@ -322,67 +259,17 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
                 f"{' and '.join(angles)} may be an angle that goes all around. If so, write "
                 "angle=True in its binding: else its ends are told as two places.",
                 Notice,
-                stacklevel=2,
+                stacklevel=3,
             )
         places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
         known = [place for place in places if place is not None]
-        given = {key: binding.density for key, binding in bindings.items()}
-        densities = {key: density for key, density in given.items() if density is not None}
+        densities = {key: b.density for key, b in bindings.items() if b.density is not None}
         self.density = WorldDensity(self.parameters, densities) if densities else None
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
-        return EpisodeSpec(
-            factory,
-            bindings,
-            env.observation_space,
-            env.action_space,
-            score,
-            "the agent",
-            self._on_error,
-            self._valid,
-            self._timeout,
-            nan_observed,
-            Derived.given(derived, bindings, factory, env),
-        )
-
-    def _check_ranges(self) -> None:
-        """Begin the worlds at both ends of all ranges, so that bad ranges are found at once."""
-        corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
-        worlds = corners[self._possible(corners)]
-        spec = replace(self.episode_spec, on_error="raise")
-        starts = self._starts(worlds, [0, 0][: len(worlds)])
-        with closing(GymnasiumEpisodes(spec, starts)) as episodes:
-            self._find_stale(episodes.running[:: self._episode_count])
-
-    def _find_stale(self, running: Sequence[RunningEpisode]) -> None:
-        """Warn of attributes that do not follow the parameters, so that the physics is wrong."""
-        bindings, factory = self.episode_spec.bindings.items(), self.episode_spec.factory
-        self.stale, derived = {}, self.episode_spec.derived
-        roots = {Attribute: "", Config: "config."}
-        places = [(roots[type(b)], b.targets(key)) for key, b in bindings if type(b) in roots]
-        targets = [f"{root}{path}" for root, paths in places for path in paths]
-        worlds = [episode.env.unwrapped for episode in running if episode.env is not None]
-        with ExitStack() as stack:
-
-            @cache
-            def make(*keywords: tuple[str, Any]) -> Any:
-                env = stack.enter_context(closing(factory.make(dict(keywords))))
-                spec = replace(self.episode_spec, bindings={})
-                env.reset(**reset_arguments(spec, EpisodeStart({}, 0, 0)))
-                return env.unwrapped
-
-            if targets and worlds:
-                keywords = [t for t in targets if t in factory.keywords]
-                self.stale = stale_attributes(targets, worlds, make)
-                self.stale = self.stale or by_keywords(keywords, worlds[-1], make)
-            told = describe_stale(self.stale)
-            if worlds:
-                told += describe_unscaled([*targets, *derived.formulas], worlds[0])
-        if told:
-            warnings.warn(f"In {factory.name} {told}", Notice, stacklevel=4)
+        return bindings
 
     def _check_region(self) -> None:
-        if not self._feasible.conditions:
-            return
+        """Check that enough worlds are feasible; forget a nominal world that is not."""
         rng, found, drawn = np.random.default_rng(0), 0, 0
         while found < _REGION_FOUND:
             if drawn >= _REGION_DRAWN:
@@ -391,70 +278,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
                     f"worlds at least, got {found} of {drawn:,}. Shrink the ranges to the region."
                 )
             mu = rng.uniform(-1.0, 1.0, (100, len(self.parameters))).astype(np.float32)
-            found, drawn = found + sum(map(self._feasible, self._values(mu))), drawn + len(mu)
+            found, drawn = found + sum(self._possible(mu).tolist()), drawn + len(mu)
+        if self.nominal is not None and not self._possible(self.nominal[None]).all():
+            self.nominal = None
 
-    def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:
-        """Return which worlds of mu, (n, d), are feasible; None where all are."""
-        return self._possible(mu) if self._feasible.conditions else None
-
-    def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
-        if not self._feasible.conditions:
-            return np.ones(len(mu), np.bool_)
-        return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
-
-    @property
-    def _interface(self) -> Interface:
-        spec = self.episode_spec
-        return Interface(
-            spec.factory.name,
-            spec.observation_space,
-            spec.action_space,
-            self._wrapped_by,
-            self._has_masks,
-        )
-
-    def _found(self, agent: Any, timeout_s: float) -> tuple[Any, str]:
-        """Return the agent that a user's description means, and its name, empty if it has none."""
-        place = place_of(agent)
-        if place is not None:
-            remote = self._reached(place, timeout_s)
-            return remote, remote.name
-        if isinstance(agent, str | Path):
-            file = find_agent_file(agent)
-            return self._load(file), file.stem
-        return agent, ""
-
-    def _reached(self, place: Address | Program, timeout_s: float) -> RemoteAgent:
-        if self._vec_normalize:
-            raise UserError(
-                f"Expected no vec_normalize with the agent in {place}, got one. Pass it to "
-                "sada_gym.serve there."
-            )
-        return RemoteAgent(
-            place, self._interface, timeout_s=timeout_s, deterministic=self._deterministic
-        )
-
-    def _load(self, path: Path) -> Any:
-        spec = self.episode_spec
-        return load_agent_file(
-            path,
-            spec.observation_space,
-            spec.action_space,
-            allow_pickle=self._allow_pickle,
-            has_statistics=self._vec_normalize is not None,
-            environment=spec.factory.name,
-        )
-
-    def _as_agent(
-        self, given: Any, name: str | None = None
-    ) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
-        return agent_of(
-            given,
-            self._interface,
-            self.agent_name if name is None else name,
-            normalisation=self._vec_normalize,
-            deterministic=self._deterministic,
-        )
+    def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
+        return self._loader.policy(given, self.agent_name)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the model that its policy holds as well, in a form that can be pickled."""
@@ -476,13 +305,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     @property
     def settings(self) -> dict[str, Any]:
         """All that a score depends on besides the agent."""
-        factory, bindings = self.episode_spec.factory, self.episode_spec.bindings
+        spec, factory = self.episode_spec, self.episode_spec.factory
         # only what differs from the default: stores keep their keys
         edges = {
             "on_error": None if self._on_error == "invalid" else self._on_error,
-            "valid": None if self._valid is None else code_name(self._valid),
+            "valid": None if spec.valid is None else code_name(spec.valid),
             "feasible": self._feasible.settings or None,
-            "derived": self.episode_spec.derived.settings or None,
+            "derived": spec.derived.settings or None,
             "timeout": None if self._timeout is None else float(self._timeout),
             "privileged": None if self._privileged is None else self._privileged.key,
         }
@@ -490,13 +319,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             **{key: value for key, value in edges.items() if value is not None},
             "environment": factory.identity,
             "env_kwargs": as_json(factory.env_kwargs),
-            "parameters": {key: binding.settings for key, binding in bindings.items()},
-            "order": [*bindings],
-            "score": self.episode_spec.score.settings,
+            "parameters": {key: binding.settings for key, binding in spec.bindings.items()},
+            "order": [*spec.bindings],
+            "score": spec.score.settings,
             "fooling_threshold": float(self.fooling_threshold),
             "episodes": self._episode_count,
             "max_steps": factory.max_steps,
-            **({} if self._deterministic else {"deterministic": False}),
+            **({} if self._loader.deterministic else {"deterministic": False}),
         }
 
     @property
@@ -506,7 +335,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         functions = {
             "environment": spec.factory.environment if callable(spec.factory.environment) else None,
             "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
-            "valid": self._valid,
+            "valid": spec.valid,
             **{f"feasible {i}": condition for i, condition in enumerate(self._feasible.functions)},
             **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},
             "privileged agent": None if self._privileged is None else self._privileged.unknown,
@@ -515,7 +344,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     @property
     def _own_code(self) -> tuple[Any, ...]:
-        return (type(self), *self._layers, *self._own_functions.values())
+        return (type(self), *self._inspection.layers, *self._own_functions.values())
 
     @property
     def fingerprint(self) -> str | None:
@@ -536,276 +365,3 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "else knows when such a function changes. Pass agent_id='a name', and another name "
             "whenever you change the agent or a function."
         )
-
-    def episodes(
-        self, mu: Mu, seeds: Sequence[int], *, pictures: bool = False
-    ) -> GymnasiumEpisodes:
-        """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row."""
-        return GymnasiumEpisodes(self.episode_spec, self._starts(mu, seeds), pictures=pictures)
-
-    def world(
-        self,
-        mu: npt.ArrayLike | None,
-        seed: int,
-        *,
-        options: Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
-    ) -> tuple[gym.Env[Any, Any], dict[str, Any]]:
-        """Make the environment of an evaluation's first episode, without an agent, to train in.
-
-        Its reset and its steps raise `InvalidWorld` where the world breaks. `mu`, (d,), None sets
-        no parameter: the environment is as it is. `options` are your own for its reset.
-
-        Returns:
-            The environment, and the keywords for its `reset`, without which it is another world.
-        """
-        spec = replace(self.episode_spec, score=Length(1))  # one that keeps no observations
-        if mu is None:
-            spec, values = replace(spec, bindings={}, derived=Derived()), {}
-        else:
-            row, seed = validate_world(self.parameters, mu, seed)
-            (values,) = self._values(row)
-        start = EpisodeStart(values, seed, 0)
-        return make_world(spec, start, render_mode), reset_arguments(spec, start, options)
-
-    def _starts(self, mu: Mu, seeds: Sequence[int]) -> list[EpisodeStart]:
-        starts = []
-        for row, values, seed in zip(mu, self._values(mu), seeds, strict=True):
-            world = world_key(row, seed)
-            starts += [EpisodeStart(values, seed, i, world) for i in range(self._episode_count)]
-        return starts
-
-    def _values(self, mu: Mu) -> list[dict[str, Any]]:
-        """Return what the parameters set in the worlds of mu, (n, d)."""
-        bindings = self.episode_spec.bindings.items()
-        return [
-            {
-                key: binding.value(number)
-                for (key, binding), number in zip(bindings, row, strict=True)
-            }
-            for row in self.parameters.physical(mu).tolist()
-        ]
-
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        score = np.full(len(mu), INVALID_SCORE)
-        outside = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
-        extras = [{**outside, **self._discrete_values(values)} for values in self._values(mu)]
-        for i, together in self._all_ended(mu, seeds, self.policy):
-            broken = next((episode.broken for episode in together if episode.broken), "")
-            mean = float(np.mean([episode.score for episode in together]))
-            score[i] = 0.0 if broken and self._on_error == "fooled" else mean
-            extras[i] |= {
-                "invalid": broken if self._on_error == "invalid" else "",
-                "return": float(np.mean([sum(episode.rewards) for episode in together])),
-                "length": float(np.mean([len(episode.rewards) for episode in together])),
-                "clipped": any(episode.clipped for episode in together),
-            }
-        self._warn_of_clipping(extras)
-        return Scored(score, extras)
-
-    def _ended(
-        self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
-    ) -> list[list[RunningEpisode]]:
-        """Play the episodes of the first of some worlds, at least one, to their ends."""
-        count = self._episode_count
-        starts = self._starts(mu[: self._at_once], seeds[: self._at_once])
-        with closing(GymnasiumEpisodes(self.episode_spec, starts, together=count)) as episodes:
-            play(policy, episodes)
-            running = episodes.running
-        if len(running) < len(starts):  # memory that was freed may not be seen the next time
-            self._at_once = len(running) // count
-        return [running[first : first + count] for first in range(0, len(running), count)]
-
-    def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
-        """Play n worlds, (n, d), again, and say when their episodes ended, and how."""
-        batch = self.parameters.validate(mu)
-        found = [Behaviour(INFEASIBLE)] * len(batch)
-        for i, episodes in self._all_ended(batch, validate_seeds(seeds, len(batch)), self.policy):
-            found[i] = behaviour(episodes, self.fooling_threshold)
-        return tuple(found)
-
-    def privileged_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Floats | None:
-        """Score the privileged agent, (n,); 0 where a world cannot be computed. None without one.
-
-        Raises:
-            ValueError: If mu or the seeds are not what `evaluate` takes, or the privileged agent
-                answers differently when it is asked twice.
-        """
-        batch = self.parameters.validate(mu)
-        checked = validate_seeds(seeds, len(batch))
-        if self._privileged is None:
-            return None
-        policy, scores = self._privileged.policy, np.zeros(len(batch))
-        for i, episodes in self._all_ended(batch, checked, policy):
-            score = float(np.mean([episode.score for episode in episodes]))
-            scores[i] = 0.0 if np.isnan(score) else score
-        for i in range(min(len(batch), _TRIED)):
-            for _, episodes in self._all_ended(batch[i : i + 1], checked[i : i + 1], policy):
-                again = float(np.nan_to_num(np.mean([episode.score for episode in episodes])))
-                answers = ([{"score": float(scores[i])}], [{"score": again}])
-                check_deterministic(self._privileged.name, *answers, checked[i : i + 1])
-        return scores
-
-    def _all_ended(
-        self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
-    ) -> Iterator[tuple[int, list[RunningEpisode]]]:
-        """Play all worlds that are feasible to their ends; yield their places and episodes."""
-        left = np.flatnonzero(self._possible(mu)).tolist()
-        while left:
-            with isolated_rng(self):
-                worlds = self._ended(mu[left], [seeds[i] for i in left], policy)
-            yield from zip(left, worlds, strict=False)
-            left = left[len(worlds) :]
-
-    def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
-        """Play worlds together and then alone, before the first score counts."""
-        if "_asked_twice" in self.__dict__:
-            return
-        # beside neighbours of the first, but for a worker: it might die in a world of no query
-        if len(mu) < _TRIED and not is_watched():
-            shares = np.linspace(0.9, 0.7, _TRIED - len(mu), dtype=np.float32)[:, None]
-            others = shares * mu[0] - np.float32(0.01)
-            others = others[self._possible(others)]
-            mu, seeds = np.concatenate([mu, others]), [*seeds, *(len(others) * seeds[:1])]
-        together = self._answers(mu, seeds)
-        alone = [self._answers(mu[i : i + 1], seeds[i : i + 1])[0] for i in range(len(mu))]
-        if not same_answer(together, alone):
-            self._check_environment_repeats(mu, seeds)
-            check_deterministic(self.agent_name, together, alone, seeds)
-        self.__dict__["_asked_twice"] = True
-
-    def _answers(self, mu: Mu, seeds: list[int]) -> list[dict[str, Any]]:
-        return [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
-
-    def _check_environment_repeats(self, mu: Mu, seeds: list[int]) -> None:
-        """Raise `UserError` if the same actions lead elsewhere, alone or beside other worlds."""
-
-        def traced(worlds: slice, given: list[list[Any]] | None = None) -> Traces:
-            with closing(self.episodes(mu[worlds], seeds[worlds])) as episodes, single_threaded():
-                return trace(self.policy, episodes, given)
-
-        check_repeats(self.episode_spec.factory.name, traced, seeds, self._episode_count)
-
-    def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the choices and whole numbers that were set; `parameters` shows only positions."""
-        bindings = self.episode_spec.bindings.items()
-        chosen = {key: plain(str(values[key])) for key, binding in bindings if binding.choices}
-        whole = {key: values[key] for key, binding in bindings if binding.integer}
-        return {"values": chosen | whole} if chosen or whole else {}
-
-    def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:
-        before = self._many_clipped
-        self._scores += len(extras)
-        self._clipped += sum(extra["clipped"] for extra in extras)
-        if self._many_clipped and not before:
-            warnings.warn(
-                f"More than {_FEW_CLIPPED:.0%} of the evaluations of "
-                f"{self.episode_spec.factory.name} had a return outside the range of "
-                f"score={self.episode_spec.score.settings}. Their scores were clipped, so that an "
-                "adversary cannot tell them apart. Widen the range.",
-                stacklevel=2,
-            )
-
-    @property
-    def _many_clipped(self) -> bool:
-        return self._scores >= _MANY and self._clipped > _FEW_CLIPPED * self._scores
-
-    @property
-    def can_render(self) -> bool:
-        """Whether the environment renders as `rgb_array`."""
-        modes = self._metadata.get("render_modes") or ()
-        return "rgb_array" in modes and self.episode_spec.factory.takes_render_mode
-
-    def _rendering(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
-        row, seed = validate_world(self.parameters, mu, seed)
-        if not self.can_render:
-            raise NotImplementedError(
-                f"{self.episode_spec.factory.name} draws no pictures: it has no "
-                "render_mode='rgb_array'."
-            )
-        return self.episodes(row, [seed], pictures=True)
-
-    @property
-    def legend(self) -> tuple[LegendEntry, ...]:
-        """Which frame of an episode is drawn."""
-        count, name = self._episode_count, self.episode_spec.factory.name
-        which = "the episode" if count == 1 else f"the worst of {count} episodes"
-        return (LegendEntry(f"The last frame of {which}, as {name} draws it."),)
-
-    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the last frame of the episode, of several that with the lowest score."""
-        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
-            play(self.policy, episodes)
-            frames = episodes.render(episodes.score.argsort(kind="stable")[:1])
-        (frame,) = self._compared(mu, seed, [frames[0]], float(episodes.score.mean()))
-        return frame
-
-    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the first frame of the first episode."""
-        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
-            return np.asarray(episodes.render(np.zeros(1, np.intp))[0])
-
-    def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
-        """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
-        row, seed = validate_world(self.parameters, mu, seed)
-        episodes = self.episodes(row, [seed], pictures=self.can_render)
-        with closing(episodes), _missing_drawing_library():
-            return record(self.policy, episodes)
-
-    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """Play the episodes again, one after another: all frames, and the score."""
-        if not self.can_render:
-            self._rendering(mu, seed)
-        frames, score = super().replay(mu, seed)
-        frames = self._compared(mu, seed, frames, score)
-        if np.isnan(score):  # the world broke
-            score = 0.0 if self._on_error == "fooled" else INVALID_SCORE
-        return frames, score
-
-    def takes(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Take], float]:
-        """Play the episodes again, for a film: each of them, and the score."""
-        if not self.can_render:
-            self._rendering(mu, seed)
-        rollouts = self.rollouts(mu, seed)
-        score = float(np.mean([rollout.score for rollout in rollouts]))
-        return [self._take(rollouts, i) for i in range(len(rollouts))], score
-
-    def _take(self, rollouts: list[Rollout[Any]], i: int) -> Take:
-        rollout, count = rollouts[i], len(rollouts)
-        name = f"episode {i + 1} of {count}  ·  " if count > 1 else ""
-
-        def draw(step: int) -> tuple[Frame, str]:
-            return rollout["frame"][step], f"{name}step {step}  ·  return {returns[step]}"
-
-        returns = [number(value) for value in rollout["return"].tolist()]
-        ending = f"return {returns[-1]} after {rollout.last} steps"
-        return Take(rollout.last + 1, draw, ending, fools(rollout.score, self.fooling_threshold))
-
-    def _compared(
-        self, mu: npt.ArrayLike, seed: int, frames: list[Frame], score: float
-    ) -> list[Frame]:
-        """Say, in a warning and in the frames, where the same world has another score undrawn."""
-        row, seed = validate_world(self.parameters, mu, seed)
-        undrawn = self.evaluate(row, [seed])
-        if undrawn.invalid or undrawn.score[0] == (0.0 if np.isnan(score) else score):
-            return frames
-        warnings.warn(
-            f"Pictures of {self.episode_spec.factory.name} show other episodes than are scored: "
-            "its render, or its render_mode, changes what happens. Mend it.",
-            Notice,
-            stacklevel=3,
-        )
-        text = f"not the episode that was scored: Q = {score:.2f} drawn, {undrawn.score[0]:.2f} not"
-        return [stamped(frame, text) for frame in frames]
-
-    def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
-        return [frame for rollout in rollouts for frame in rollout["frame"]]
-
-
-@contextmanager
-def _missing_drawing_library() -> Iterator[None]:
-    """Let a missing drawing library mean that there are no pictures."""
-    try:
-        yield
-    except DependencyNotInstalled as error:
-        raise NotImplementedError(f"The environment cannot be drawn: {error}") from error

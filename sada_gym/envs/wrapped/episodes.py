@@ -220,7 +220,7 @@ class RunningEpisode:
             raise
 
     def _begin(self, render_mode: str | None) -> None:
-        self.env, self._recorder = _make(self._spec, self.start, render_mode)
+        self.env, self._recorder = make_world(self._spec, self.start, render_mode)
         self.rewards = self._recorder.rewards
         self.observation, _ = self.env.reset(**reset_arguments(self._spec, self.start))
 
@@ -440,16 +440,6 @@ def resident_bytes() -> int:
         return 0
 
 
-def make_world(
-    spec: EpisodeSpec, start: EpisodeStart, render_mode: str | None
-) -> gym.Env[Any, Any]:
-    """Make the environment of an episode, which `reset_arguments` begin; no agent is in it.
-
-    Its reset and its steps raise `InvalidWorld` where the world breaks.
-    """
-    return _make(spec, start, render_mode)[0]
-
-
 def reset_arguments(
     spec: EpisodeSpec, start: EpisodeStart, options: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
@@ -459,9 +449,13 @@ def reset_arguments(
     return {"seed": seed, "options": {**(options or {}), **own} if own else options}
 
 
-def _make(
+def make_world(
     spec: EpisodeSpec, start: EpisodeStart, render_mode: str | None
 ) -> tuple[gym.Env[Any, Any], _Recorder]:
+    """Make the environment of an episode, which `reset_arguments` begin; no agent is in it.
+
+    Its reset and its steps raise `InvalidWorld` where the world breaks. Its recorder comes, too.
+    """
     env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
     recorder = _Recorder(env, spec, start)
     try:

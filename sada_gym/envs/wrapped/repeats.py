@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,6 @@ class Traces(NamedTuple):
     seen: list[Any]
     """Of each episode its observations and its rewards."""
     actions: list[list[Any]]
-
-
-class Traced(Protocol):
-    """Plays the worlds of a slice by the agent, or by given actions, a list an episode."""
-
-    def __call__(self, worlds: slice, given: list[list[Any]] | None = None) -> Traces:
-        """Return what was seen and done."""
 
 
 def trace(
@@ -59,8 +53,10 @@ def trace(
     return Traces([*zip(seen, rewards, strict=True)], taken)
 
 
-def check_repeats(name: str, traced: Traced, seeds: list[int], count: int) -> None:
+def check_repeats(name: str, traced: Callable[..., Traces], seeds: list[int], count: int) -> None:
     """Play worlds of `count` episodes each together, and each alone by the same actions.
+
+    `traced` plays a slice of them by the agent, or by given actions, a list an episode.
 
     Raises:
         UserError: If an episode goes another way, alone or beside other worlds.

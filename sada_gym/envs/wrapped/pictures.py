@@ -1,0 +1,132 @@
+"""Draws the episodes in a Gymnasium environment: frames, replays and films."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.error import DependencyNotInstalled
+
+from sada_gym.application import INVALID_SCORE
+from sada_gym.drawing import stamped
+from sada_gym.envs.episodes.rollout import Rollout, play, record
+from sada_gym.envs.wrapped.episodes import GymnasiumEpisodes
+from sada_gym.envs.wrapped.inspection import Inspection
+from sada_gym.envs.wrapped.playing import EpisodePlayer
+from sada_gym.errors import Notice
+from sada_gym.evaluations import fools
+from sada_gym.frames import Frame, LegendEntry, Take
+from sada_gym.parameters import Mu, number
+from sada_gym.seeds import validate_world
+
+
+class EpisodePictures(EpisodePlayer):
+    """Draws what the agent of an application does in a world of mu."""
+
+    _inspection: Inspection
+
+    @property
+    def can_render(self) -> bool:
+        """Whether the environment renders as `rgb_array`."""
+        modes = self._inspection.metadata.get("render_modes") or ()
+        return "rgb_array" in modes and self.episode_spec.factory.takes_render_mode
+
+    def _checked(self, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
+        checked = validate_world(self.parameters, mu, seed)
+        if not self.can_render:
+            raise NotImplementedError(
+                f"{self.episode_spec.factory.name} draws no pictures: it has no "
+                "render_mode='rgb_array'."
+            )
+        return checked
+
+    def _rendering(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
+        row, seed = self._checked(mu, seed)
+        return self.episodes(row, [seed], pictures=True)
+
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """Which frame of an episode is drawn."""
+        count, name = self._episode_count, self.episode_spec.factory.name
+        which = "the episode" if count == 1 else f"the worst of {count} episodes"
+        return (LegendEntry(f"The last frame of {which}, as {name} draws it."),)
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw the last frame of the episode, of several that with the lowest score."""
+        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
+            play(self.policy, episodes)
+            frames = episodes.render(episodes.score.argsort(kind="stable")[:1])
+        (frame,) = self._compared(mu, seed, [frames[0]], float(episodes.score.mean()))
+        return frame
+
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw the first frame of the first episode."""
+        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
+            return np.asarray(episodes.render(np.zeros(1, np.intp))[0])
+
+    def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
+        """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        episodes = self.episodes(row, [seed], pictures=self.can_render)
+        with closing(episodes), _missing_drawing_library():
+            return record(self.policy, episodes)
+
+    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+        """Play the episodes again, one after another: all frames, and the score."""
+        self._checked(mu, seed)
+        frames, score = super().replay(mu, seed)
+        frames = self._compared(mu, seed, frames, score)
+        if np.isnan(score):  # the world broke
+            score = 0.0 if self._on_error == "fooled" else INVALID_SCORE
+        return frames, score
+
+    def takes(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Take], float]:
+        """Play the episodes again, for a film: each of them, and the score."""
+        self._checked(mu, seed)
+        rollouts = self.rollouts(mu, seed)
+        score = float(np.mean([rollout.score for rollout in rollouts]))
+        return [self._take(rollouts, i) for i in range(len(rollouts))], score
+
+    def _take(self, rollouts: list[Rollout[Any]], i: int) -> Take:
+        rollout, count = rollouts[i], len(rollouts)
+        name = f"episode {i + 1} of {count}  ·  " if count > 1 else ""
+
+        def draw(step: int) -> tuple[Frame, str]:
+            return rollout["frame"][step], f"{name}step {step}  ·  return {returns[step]}"
+
+        returns = [number(value) for value in rollout["return"].tolist()]
+        ending = f"return {returns[-1]} after {rollout.last} steps"
+        return Take(rollout.last + 1, draw, ending, fools(rollout.score, self.fooling_threshold))
+
+    def _compared(
+        self, mu: npt.ArrayLike, seed: int, frames: list[Frame], score: float
+    ) -> list[Frame]:
+        """Say, in a warning and in the frames, where the same world has another score undrawn."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        undrawn = self.evaluate(row, [seed])
+        if undrawn.invalid or undrawn.score[0] == (0.0 if np.isnan(score) else score):
+            return frames
+        warnings.warn(
+            f"Pictures of {self.episode_spec.factory.name} show other episodes than are scored: "
+            "its render, or its render_mode, changes what happens. Mend it.",
+            Notice,
+            stacklevel=3,
+        )
+        text = f"not the episode that was scored: Q = {score:.2f} drawn, {undrawn.score[0]:.2f} not"
+        return [stamped(frame, text) for frame in frames]
+
+    def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
+        return [frame for rollout in rollouts for frame in rollout["frame"]]
+
+
+@contextmanager
+def _missing_drawing_library() -> Iterator[None]:
+    """Let a missing drawing library mean that there are no pictures."""
+    try:
+        yield
+    except DependencyNotInstalled as error:
+        raise NotImplementedError(f"The environment cannot be drawn: {error}") from error
