@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from sada_gym import agents, fetch
-from sada_gym.determinism import one_thread
+from sada_gym import agents
+from sada_gym.foundations import fetch
+from sada_gym.foundations.determinism import one_thread
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 

@@ -19,7 +19,7 @@ from sada_gym.envs.driving.episodes import POLICY_HZ, SIMULATION_HZ, DrivingEpis
 from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 RNG = np.random.default_rng(0)
 CARS = 320

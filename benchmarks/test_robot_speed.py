@@ -9,12 +9,12 @@ import time
 import numpy as np
 import pytest
 
-from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
 from sada_gym.envs.robot.start_distribution import PLANS, StartDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from sada_gym.envs.robot.world.floor_plan import floor_plan
+from sada_gym.foundations.determinism import one_thread
 
 RNG = np.random.default_rng(0)
 WORLDS = 32

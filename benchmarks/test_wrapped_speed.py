@@ -11,8 +11,8 @@ import pytest
 from stable_baselines3 import PPO
 
 from sada_gym import GymnasiumApplication
-from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import ObservationNoise
+from sada_gym.foundations.determinism import one_thread
 
 WORLDS, LOOP_STEPS, ROUNDS = 64, 1_500, 3
 CASES = {

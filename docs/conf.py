@@ -17,8 +17,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
-from sada_gym.cards import find_card
-from sada_gym.lazy import load as load_object
+from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.lazy import load as load_object
 
 # pages show docstrings of `studies`, which is not installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

@@ -10,9 +10,8 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym import GymnasiumApplication, Run, attack
+from sada_gym import FailureCurriculum, GymnasiumApplication, Run, attack
 from sada_gym.envs.wrapped import ObservationDelay
-from sada_gym.training import FailureCurriculum
 
 BUDGET = 1_000
 TRAINING_STEPS = 60_000

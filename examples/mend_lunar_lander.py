@@ -13,8 +13,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from sada_gym import attack
-from sada_gym.training import FailureCurriculum
+from sada_gym import FailureCurriculum, attack
 
 FOLDER = Path(__file__).parent
 BUDGET = 1_000

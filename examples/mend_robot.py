@@ -8,10 +8,9 @@ times.
 
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from sada_gym import agents, attack
-from sada_gym.determinism import one_thread
+from sada_gym import agents, attack, curriculum_vec_env
 from sada_gym.envs.robot.agent.network import new_model
-from sada_gym.training import curriculum_vec_env
+from sada_gym.foundations.determinism import one_thread
 
 TRACK = "SADA-Robot-v0"
 BUDGET = 1_000

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import sada_gym
+from sada_gym import Oracle
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import reflect
@@ -17,7 +18,6 @@ from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.oracle import Oracle
 
 
 @dataclass(frozen=True)

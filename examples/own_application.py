@@ -15,10 +15,9 @@ from collections.abc import Sequence
 import gymnasium as gym
 import numpy as np
 
-from sada_gym import Application, Parameter, ParameterSpace, Scored, adversaries
+from sada_gym import Application, Oracle, Parameter, ParameterSpace, Scored, adversaries
 from sada_gym.envs import AdversaryEnv
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.oracle import Oracle
 from sada_gym.parameters import Mu
 
 STEPS, STEP_S = 1_000, 0.02

@@ -18,8 +18,7 @@ from sada_gym.evaluation.env import OracleVectorEnv
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.measures.search import anytime
 from sada_gym.oracle import BudgetExhausted, Evaluations, Oracle
-from sada_gym.sb3 import sample_policy
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.sb3 import SB3VecEnv, sample_policy
 
 ENV_ID = "SADA-Analytic-v0"
 BUDGET = 8_192

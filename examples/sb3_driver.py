@@ -7,7 +7,7 @@ import gymnasium as gym
 from stable_baselines3 import PPO
 
 from sada_gym import attack
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.sb3 import SB3VecEnv
 
 env = SB3VecEnv(gym.make_vec("SADA-DrivingTask-v0", num_envs=16))
 driver = PPO("MultiInputPolicy", env, n_steps=32, batch_size=128, seed=0, device="cpu")

@@ -14,14 +14,14 @@ from leaderboard.board_tables import (
     ranking_sheets,
     strongest_sheet,
 )
-from sada_gym.benchmark.results import Comparison, Results, results_of
-from sada_gym.cards import ApplicationCard, cards
-from sada_gym.results.entry import Entry, EntryResult
-from sada_gym.results.front import Chart, make_chart
-from sada_gym.results.models import Tier
-from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Sheet
-from sada_gym.submission.checks import find_outdated
+from sada_gym.board.benchmark.results import Comparison, Results, results_of
+from sada_gym.board.results.entry import Entry, EntryResult
+from sada_gym.board.results.front import Chart, make_chart
+from sada_gym.board.results.models import Tier
+from sada_gym.board.results.rows import Row
+from sada_gym.board.results.sheet import Sheet
+from sada_gym.board.submission.checks import find_outdated
+from sada_gym.foundations.cards import ApplicationCard, cards
 
 TIERS: tuple[Tier, ...] = ("verified", "claimed")
 """The tiers in the order of the pages. Figures of one are never ranked with those of another."""

@@ -12,16 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sada_gym import agents
-from sada_gym.benchmark.results import Comparison, Results
-from sada_gym.cards import ApplicationCard
-from sada_gym.errors import MissingExtra, MissingPart, UserError
-from sada_gym.experiment.record import place_of, slug
-from sada_gym.results import paper
-from sada_gym.results.columns import row_cells, row_columns
-from sada_gym.results.entry import Entry, EntryResult
-from sada_gym.results.models import Tier
-from sada_gym.results.rows import Row, RunSummary
-from sada_gym.results.sheet import (
+from sada_gym.board.benchmark.results import Comparison, Results
+from sada_gym.board.results import paper
+from sada_gym.board.results.columns import row_cells, row_columns
+from sada_gym.board.results.entry import Entry, EntryResult
+from sada_gym.board.results.models import Tier
+from sada_gym.board.results.rows import Row, RunSummary
+from sada_gym.board.results.sheet import (
     BLANK,
     Cell,
     Column,
@@ -36,7 +33,10 @@ from sada_gym.results.sheet import (
     text_cell,
     text_column,
 )
-from sada_gym.submission.current import PAPER_BUDGETS, current_target
+from sada_gym.board.submission.current import PAPER_BUDGETS, current_target
+from sada_gym.errors import MissingExtra, MissingPart, UserError
+from sada_gym.experiment.record import place_of, slug
+from sada_gym.foundations.cards import ApplicationCard
 
 _ENTRY = text_column("entry")
 _TIER = text_column(

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Picture, Pictures
+from sada_gym.board.results.columns import row_cells, row_columns
+from sada_gym.board.results.entry import Entry, EntryResult
+from sada_gym.board.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
+from sada_gym.board.results.rows import Row
+from sada_gym.board.results.sheet import Column, Line, Sheet, text_cell, text_column
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.record import place_of, slug
-from sada_gym.results.columns import row_cells, row_columns
-from sada_gym.results.entry import Entry, EntryResult
-from sada_gym.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
-from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Column, Line, Sheet, text_cell, text_column
 
 _COLUMNS = (
     text_column("track"),

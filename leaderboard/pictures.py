@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym import __version__
+from sada_gym.analyses.plots.attack import contact_sheet, marginals
+from sada_gym.analyses.plots.style import png
 from sada_gym.application import Application
-from sada_gym.cards import ApplicationCard
+from sada_gym.board.results.entry import EntryResult
+from sada_gym.board.results.samples import samples_sha256
 from sada_gym.errors import MissingExtra, MissingPart
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import read_file
-from sada_gym.plots.attack import contact_sheet, marginals
-from sada_gym.plots.style import png
-from sada_gym.results.entry import EntryResult
-from sada_gym.results.samples import samples_sha256
+from sada_gym.foundations.cards import ApplicationCard
+from sada_gym.foundations.files import read_file
 
 MAX_FRAMES = 12
 MAX_BYTES = 2**24

@@ -17,12 +17,9 @@ from leaderboard.board import Board, GroupBoard, make_board
 from leaderboard.entry_page import entry_page
 from leaderboard.pictures import Pictures
 from sada_gym import __version__
-from sada_gym.cli.console import errors_as_sentences
-from sada_gym.errors import MissingExtra, UserError, install_line
-from sada_gym.files import file_errors, read_file, write_folder
-from sada_gym.results.entry import read_entries
-from sada_gym.results.rows import Row
-from sada_gym.results.sheet import (
+from sada_gym.board.results.entry import read_entries
+from sada_gym.board.results.rows import Row
+from sada_gym.board.results.sheet import (
     Column,
     Sheet,
     entry_link,
@@ -31,6 +28,9 @@ from sada_gym.results.sheet import (
     text_cell,
     text_column,
 )
+from sada_gym.cli.console import errors_as_sentences
+from sada_gym.errors import MissingExtra, UserError, install_line
+from sada_gym.foundations.files import file_errors, read_file, write_folder
 
 HERE = Path(__file__).parent
 STATIC = ("board.css", "board.js")

@@ -15,15 +15,22 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from sada_gym import agents
-from sada_gym.benchmark.report.tables import write_tables
-from sada_gym.benchmark.results import Comparison, Results, results_of
-from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
-from sada_gym.benchmark.suite import SUITES as ALL_SUITES
-from sada_gym.cards import ApplicationCard, SuiteCard, cards
-from sada_gym.results.columns import row_cells, row_columns
-from sada_gym.results.entry import Entry, read_entries
-from sada_gym.results.rows import Row
-from sada_gym.results.sheet import BLANK, Cell, markdown_table, rate_cell, text_cell, titled_table
+from sada_gym.board.benchmark.report.tables import write_tables
+from sada_gym.board.benchmark.results import Comparison, Results, results_of
+from sada_gym.board.benchmark.suite import ADVERSARIES, TABLES, find_suite
+from sada_gym.board.benchmark.suite import SUITES as ALL_SUITES
+from sada_gym.board.results.columns import row_cells, row_columns
+from sada_gym.board.results.entry import Entry, read_entries
+from sada_gym.board.results.rows import Row
+from sada_gym.board.results.sheet import (
+    BLANK,
+    Cell,
+    markdown_table,
+    rate_cell,
+    text_cell,
+    titled_table,
+)
+from sada_gym.foundations.cards import ApplicationCard, SuiteCard, cards
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"

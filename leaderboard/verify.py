@@ -10,7 +10,7 @@ import typer
 from sada_gym.cli.console import errors_as_sentences, option, say, workers_option
 
 if TYPE_CHECKING:
-    from sada_gym.submission.verification import Finding
+    from sada_gym.board.submission.verification import Finding
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -47,7 +47,7 @@ def verify(
     """
     failed = False
     with errors_as_sentences():
-        from sada_gym.submission.verification import verify as verify_entries
+        from sada_gym.board.submission.verification import verify as verify_entries
 
         findings = verify_entries(
             entries,

@@ -6,22 +6,29 @@ and no weights.
 
 from typing import TYPE_CHECKING
 
-from sada_gym import arithmetic as arithmetic  # first: it chooses kernels before NumPy loads
+# first: it chooses kernels before NumPy loads
+from sada_gym.foundations import arithmetic as _arithmetic  # isort: skip  # noqa: F401
+
 from sada_gym.application import Application, Outcomes, Scored
 from sada_gym.evaluation.problems import make_application
-from sada_gym.frames import Frame
-from sada_gym.lazy import lazy_names
+from sada_gym.foundations.frames import Frame
+from sada_gym.foundations.lazy import lazy_names
+from sada_gym.foundations.registration import env_ids, register_environments, tracks
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.registration import env_ids, register_environments, tracks
 
 if TYPE_CHECKING:
     from sada_gym.adversaries.base import Adversary
     from sada_gym.agents.remote.server import serve
     from sada_gym.analyses.diagnose import diagnose
+    from sada_gym.analyses.regression.export import export
+    from sada_gym.analyses.regression.regress import regress
+    from sada_gym.analyses.replay import replay
+    from sada_gym.analyses.report.make import report
+    from sada_gym.analyses.training import FailureCurriculum, curriculum_vec_env
     from sada_gym.attacks import attack
-    from sada_gym.behaviour import Behaviour
     from sada_gym.envs.wrapped.application import GymnasiumApplication
     from sada_gym.evaluation.oracle import Oracle
+    from sada_gym.foundations.behaviour import Behaviour
     from sada_gym.run import Run, load_run
 
 __version__ = "0.1.0"
@@ -30,6 +37,7 @@ __all__ = [
     "Adversary",
     "Application",
     "Behaviour",
+    "FailureCurriculum",
     "Frame",
     "GymnasiumApplication",
     "Oracle",
@@ -40,11 +48,16 @@ __all__ = [
     "Scored",
     "__version__",
     "attack",
+    "curriculum_vec_env",
     "diagnose",
     "env_ids",
+    "export",
     "load_run",
     "make_application",
     "register_environments",
+    "regress",
+    "replay",
+    "report",
     "serve",
     "tracks",
 ]
@@ -53,13 +66,19 @@ __getattr__ = lazy_names(
     __name__,
     {
         "Adversary": "adversaries.base",
-        "Behaviour": "behaviour",
+        "FailureCurriculum": "analyses.training",
+        "Behaviour": "foundations.behaviour",
         "GymnasiumApplication": "envs.wrapped.application",
         "Oracle": "evaluation.oracle",
         "Run": "run",
         "attack": "attacks",
+        "curriculum_vec_env": "analyses.training",
         "diagnose": "analyses.diagnose",
+        "export": "analyses.regression.export",
         "load_run": "run",
+        "regress": "analyses.regression.regress",
+        "replay": "analyses.replay",
+        "report": "analyses.report.make",
         "serve": "agents.remote.server",
     },
 )

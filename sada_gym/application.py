@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32, real_scores
 from sada_gym.densities import WorldDensity
-from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.foundations.arrays import Floats, Floats32, real_scores
+from sada_gym.foundations.determinism import check_deterministic, generators_kept, single_threaded
+from sada_gym.foundations.frames import Frame, LegendEntry
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.seeds import validate_seeds
 
 if TYPE_CHECKING:
-    from sada_gym.behaviour import Behaviour
+    from sada_gym.foundations.behaviour import Behaviour
 
 RESERVED_KEYS = frozenset({"score", "fooled", "seed", "parameters"})
 """The keys that `Application.evaluate` sets in every info itself."""
@@ -231,7 +231,7 @@ class Application(ABC):
         The default takes a text `ending` of the info as what went wrong, and the other values as
         data.
         """
-        from sada_gym.behaviour import Behaviour, plain_values  # they bring pydantic
+        from sada_gym.foundations.behaviour import Behaviour, plain_values  # they bring pydantic
 
         ending = info.get("ending")
         told = ending if isinstance(ending, str) and ending else ""
@@ -403,3 +403,9 @@ def _check_extras(extras: Any, count: int, source: str) -> None:
             f"Expected the extras of {source} to leave {taken} to Application.evaluate, which sets "
             "them. Name yours differently."
         )
+
+
+def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
+    """Return one mu, (d,), as (1, d), and a seed as an int, checked as `evaluate` checks them."""
+    batch: Any = [mu]
+    return parameters.validate(batch), validate_seeds([seed], 1)[0]

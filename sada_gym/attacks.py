@@ -14,6 +14,7 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.analyses.diagnose import analyse
 from sada_gym.analyses.failures import check_seeds
 from sada_gym.analyses.pictures import draw_missing
+from sada_gym.analyses.report.make import report_attack
 from sada_gym.application import Application
 from sada_gym.errors import Notice, check_integer, check_keywords
 from sada_gym.evaluation.oracle import MAX_QUERIES
@@ -29,11 +30,10 @@ from sada_gym.experiment.names import check_spelling
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment, Protocol, RunSettings
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.files import as_path, file_errors, write_folder, write_model
-from sada_gym.frames import Frame
-from sada_gym.measures.failure_regions import percent
+from sada_gym.foundations.figures import percent
+from sada_gym.foundations.files import as_path, file_errors, write_folder, write_model
+from sada_gym.foundations.frames import Frame
 from sada_gym.measures.rates import wilson_interval
-from sada_gym.report.make import report_attack
 from sada_gym.run import Run, load_run
 from sada_gym.run.folder import (
     ADVERSARY_FOLDER,
@@ -104,7 +104,7 @@ def attack(
             worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
             for each rule and 15 elsewhere.
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
-            many more evaluations; see `sada_gym.failures`.
+            many more evaluations; see `sada_gym.measures.failures`.
         pictures: Whether to draw pictures.
         html: Whether to write report.html, if pictures are drawn.
         progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every
@@ -244,6 +244,6 @@ def _progress(shown: bool, on_progress: OnProgress | None) -> AbstractContextMan
         return nullcontext(on_progress or ignore_progress)
     from rich.console import Console
 
-    from sada_gym.progress import AttackProgress
+    from sada_gym.experiment.progress import AttackProgress
 
     return AttackProgress(Console(stderr=True))

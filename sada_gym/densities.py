@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.arrays import Floats
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.foundations.arrays import Floats
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 _NUMBERS = {"normal": 2, "uniform": 2, "truncated-normal": 4}

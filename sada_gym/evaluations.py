@@ -9,7 +9,7 @@ from typing import Literal, get_args, overload
 
 import numpy as np
 
-from sada_gym.arrays import AnyFloats, Bools, Floats, Indices, Integers
+from sada_gym.foundations.arrays import AnyFloats, Bools, Floats, Indices, Integers
 from sada_gym.parameters import Mu
 
 Stream = Literal["train", "test", "validation", "verification"]

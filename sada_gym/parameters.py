@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools, Floats, Floats32, as_array, real_numbers
 from sada_gym.errors import UserError, UserTypeError, check_plain
+from sada_gym.foundations.arrays import Bools, Floats, Floats32, as_array, real_numbers
+from sada_gym.foundations.figures import number
 
 _LONGEST_NAME = 100
-_LARGE = 1e12
 _MANTISSAS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 
 Mu = npt.NDArray[np.float32]
@@ -160,12 +160,6 @@ class Parameter:
         if self.unit.startswith("1/"):
             return f"{written} per {self.unit[2:]}"
         return f"{written}°" if self.unit == "deg" else f"{written} {self.unit}".rstrip()
-
-
-def number(value: float) -> str:
-    """Write a number with three digits and a real minus sign."""
-    text = f"{value:,.0f}" if 1000 <= abs(value) < _LARGE else f"{value:.3g}"
-    return text.replace("-", "\N{MINUS SIGN}")
 
 
 class ParameterSpace:

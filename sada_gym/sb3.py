@@ -11,13 +11,16 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
-from sada_gym.determinism import generators_kept
 from sada_gym.errors import UserError, check_integer
+from sada_gym.evaluation.proposals import proposal_spaces
 from sada_gym.evaluations import fools
-from sada_gym.proposals import proposal_spaces
+from sada_gym.foundations.determinism import generators_kept
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle
+
+__all__ = ["AttackCallback", "SB3VecEnv", "sample_policy"]
 
 
 class AttackCallback(BaseCallback):

@@ -17,9 +17,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sada_gym import attack
-from sada_gym.files import write_file
+from sada_gym.analyses.transfer import Comparison, Rate, transfer
+from sada_gym.foundations.files import write_file
 from sada_gym.measures.rates import FoolingRate, lead_interval
-from sada_gym.transfer import Comparison, Rate, transfer
 from studies.without_hits import without_hits
 
 ID = "SADA-DetectionCoco-v0"

@@ -30,14 +30,14 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.envs.detection.parameter_sets import COLOUR
 from sada_gym.envs.detection.scene import PLACEMENT
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from sada_gym.envs.detection_coco.application import CocoDetectionApplication
 from sada_gym.evaluations import evaluation_seeds
-from sada_gym.files import write_file
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.files import write_file
 from sada_gym.measures.rates import wilson_interval
 from studies.training.detection.prior import photograph
 

@@ -22,12 +22,12 @@ import numpy as np
 from scipy.stats import sobol_indices, uniform
 from sklearn.ensemble import RandomForestRegressor
 
-from sada_gym.arrays import Bools, Floats
-from sada_gym.cards import find_card
 from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.envs.detection.scene import Scene, direction
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import write_file
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.files import write_file
 from sada_gym.measures.rates import wilson_interval
 from sada_gym.oracle import Oracle
 

@@ -19,16 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym import adversaries
-from sada_gym.cards import find_card
+from sada_gym.board.results.entry import read_entries
+from sada_gym.board.submission.copies import nearness, spacing
+from sada_gym.board.submission.flags import is_near
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.ideal import IDEAL
+from sada_gym.foundations.cards import find_card
 from sada_gym.measures.reference import load_reference, reference_mu
 from sada_gym.parameters import Mu
-from sada_gym.results.entry import read_entries
-from sada_gym.submission.copies import nearness, spacing
-from sada_gym.submission.flags import is_near
 
 TRACKS = (
     *("SADA-Digits-0-v0", "SADA-Detection-Car-v0", "SADA-Driving-OneCurve-v0"),

@@ -17,8 +17,8 @@ from scipy.stats import binned_statistic, binned_statistic_2d
 
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.evaluation.problems import make_application
+from sada_gym.foundations.registration import tracks
 from sada_gym.measures.reference import load_reference
-from sada_gym.registration import tracks
 
 HEIGHT, PITCH, WEATHER = DrivingApplication.parameters.parameters
 FIFTHS = 5

@@ -32,7 +32,6 @@ import numpy as np
 import stable_baselines3
 
 from sada_gym import GymnasiumApplication, attack
-from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import (
     ActionNoise,
     Attribute,
@@ -43,6 +42,7 @@ from sada_gym.envs.wrapped import (
 )
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import check_known
+from sada_gym.foundations.determinism import one_thread
 from sada_gym.testing.purity import assert_pure
 from studies.without_hits import without_hits
 

@@ -28,9 +28,9 @@ from sklearn.cluster import KMeans
 from sklearn.metrics import silhouette_score
 
 from sada_gym import GymnasiumApplication, adversaries
-from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import ResetOption
-from sada_gym.files import write_file
+from sada_gym.foundations.determinism import one_thread
+from sada_gym.foundations.files import write_file
 from studies.agents import FOLDER, checked
 from studies.means import mean_text
 from studies.parking_searches import Ask, Bools, Floats, TrainingLog, indago, nexus

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from sada_gym.determinism import generators_kept
+from sada_gym.foundations.determinism import generators_kept
 from studies.training.parking.world import HALF_X_M, HALF_Y_M, SLOTS
 
 Floats = npt.NDArray[np.float64]

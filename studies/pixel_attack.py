@@ -23,10 +23,10 @@ from art.attacks.evasion import FastGradientMethod, ProjectedGradientDescent, Sq
 from art.estimators.classification import PyTorchClassifier
 
 from sada_gym import adversaries
-from sada_gym.determinism import generators_kept
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.pixel import PixelApplication
-from sada_gym.files import write_file
+from sada_gym.foundations.determinism import generators_kept
+from sada_gym.foundations.files import write_file
 from sada_gym.oracle import Oracle
 
 BUDGET, SAMPLES, PGD_STEPS = 1_000, 100, 40

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats
+from sada_gym.foundations.arrays import Bools, Floats
 from studies.planted_queries import Known
 from studies.planted_settings import Setting
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats
+from sada_gym.foundations.arrays import Bools, Floats
 from studies.planted_settings import THRESHOLD, PlantedApplication, Setting
 from studies.without_hits import without_hits
 

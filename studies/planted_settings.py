@@ -9,7 +9,7 @@ import numpy as np
 
 from sada_gym import Parameter, ParameterSpace
 from sada_gym.application import Application, Scored
-from sada_gym.arrays import Bools, Floats
+from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.parameters import Mu
 
 AROUND = ("in front", "on the left", "behind", "on the right")

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from sada_gym.analyses.diagnose import default_fresh
-from sada_gym.arrays import Bools, Floats
-from sada_gym.diagnosis.core import diagnose_worlds
-from sada_gym.diagnosis.grouping import grouped
-from sada_gym.diagnosis.record import Diagnosis
-from sada_gym.diagnosis.rules import holds
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.measures.diagnosis.core import diagnose_worlds
+from sada_gym.measures.diagnosis.grouping import grouped
+from sada_gym.measures.diagnosis.record import Diagnosis
+from sada_gym.measures.diagnosis.rules import holds
 from sada_gym.measures.rates import Rate, wilson_interval
 from sada_gym.parameters import Mu
 from studies.planted_methods import Named, by_prim, by_tree

@@ -27,13 +27,13 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application
+from sada_gym.board.results.entry import read_entry
 from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluations import evaluation_seeds
+from sada_gym.foundations.registration import tracks
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import Reference, load_reference, reference_mu
 from sada_gym.parameters import Mu
-from sada_gym.registration import tracks
-from sada_gym.results.entry import read_entry
 
 SEEDS = (1, 2, 3, 4, 5, 8)
 POINTS = (2_000, 5_000, 10_000, 20_000)

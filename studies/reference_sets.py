@@ -22,13 +22,13 @@ import numpy as np
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.cards import ApplicationCard, find_card
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.evaluation.problems import make_application
-from sada_gym.files import write_file
+from sada_gym.foundations.cards import ApplicationCard, find_card
+from sada_gym.foundations.files import write_file
+from sada_gym.foundations.registration import tracks
 from sada_gym.measures.reference import FOLDER, reference_mu, reference_seeds, write_reference
-from sada_gym.registration import tracks
 
 BLOCK = 500
 CHUNK = 112

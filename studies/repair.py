@@ -30,8 +30,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sada_gym import GymnasiumApplication, agents, attack
+from sada_gym.analyses.training import FailureCurriculum, curriculum_vec_env
+from sada_gym.analyses.training.lockstep import curriculum_starts
 from sada_gym.application import Application
-from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.envs.driving.agent import network as driver_network
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
@@ -39,10 +40,9 @@ from sada_gym.envs.robot.agent import network as robot_network
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.wrapped import Keyword, ObservationDelay
 from sada_gym.evaluations import fools
-from sada_gym.files import write_file
+from sada_gym.foundations.determinism import generators_kept, one_thread
+from sada_gym.foundations.files import write_file
 from sada_gym.measures.rates import wilson_interval
-from sada_gym.training import FailureCurriculum, curriculum_vec_env
-from sada_gym.training.lockstep import curriculum_starts
 from studies.means import mean_text
 from studies.training.common import Report
 from studies.training.driving.imitation import fit, gather

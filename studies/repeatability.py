@@ -13,8 +13,8 @@ import numpy as np
 
 from sada_gym import agents
 from sada_gym.evaluation.problems import make_application
+from sada_gym.foundations.registration import tracks
 from sada_gym.measures.reference import load_reference
-from sada_gym.registration import tracks
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ from scipy.stats import qmc, sobol_indices
 
 from sada_gym.application import Application
 from sada_gym.evaluation.problems import make_application
-from sada_gym.registration import tracks
+from sada_gym.foundations.registration import tracks
 
 DETECTION = [track for track in tracks() if track.startswith("SADA-Detection-")]
 

@@ -24,10 +24,10 @@ import numpy.typing as npt
 
 from sada_gym import GymnasiumApplication, adversaries
 from sada_gym.adversaries.level_set import MIN_BUDGET
-from sada_gym.determinism import one_thread
 from sada_gym.envs.wrapped import Attribute
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.files import write_file
+from sada_gym.foundations.determinism import one_thread
+from sada_gym.foundations.files import write_file
 from studies.agents import FOLDER, checked
 from studies.means import mean_text
 from studies.training.hopper import ENVIRONMENT

@@ -42,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def compile_kernels() -> None:
     """Evaluate once on each track whose kernels have no machine code yet."""
-    from sada_gym.compiled import machine_code_folder
+    from sada_gym.foundations.compiled import machine_code_folder
 
     processes = []
     for track, module in KERNELS.items():

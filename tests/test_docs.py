@@ -23,11 +23,11 @@ from forked import run_script
 from stable_baselines3 import PPO
 
 from sada_gym import adversaries, agents
-from sada_gym.cards import fetchable
 from sada_gym.cli import app
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 from sada_gym.envs.wrapped.toml import read_application
-from sada_gym.files import read_toml
+from sada_gym.foundations.cards import fetchable
+from sada_gym.foundations.files import read_toml
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sada_gym.errors import UserError, check_plain, described, is_plain, plain
-from sada_gym.files import Strict, read_model, write_model
+from sada_gym.foundations.files import Strict, read_model, write_model
 
 FAMILY = "\N{MAN}\N{ZERO WIDTH JOINER}\N{WOMAN}"
 SCOTLAND = "\N{WAVING BLACK FLAG}\U000e0067\U000e0062\U000e007f"

@@ -12,9 +12,9 @@ import pytest
 from prose import numbers, rows
 
 from leaderboard.tables import ENTRIES, HEADLINES
-from sada_gym.results.entry import read_entries, read_entry
-from sada_gym.results.models import Result
-from sada_gym.results.sheet import rate_cell
+from sada_gym.board.results.entry import read_entries, read_entry
+from sada_gym.board.results.models import Result
+from sada_gym.board.results.sheet import rate_cell
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -13,13 +13,13 @@ from made_board import CARDS, Made, make_entries
 
 from leaderboard.site import build_site
 from sada_gym import GymnasiumApplication, attack
+from sada_gym.analyses.regression.export import export
+from sada_gym.analyses.regression.junit import junit, markdown
+from sada_gym.analyses.regression.regress import regress
+from sada_gym.analyses.report.make import report
 from sada_gym.cli.console import PlainConsole, say
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.errors import UserError, is_plain, plain
-from sada_gym.regression.export import export
-from sada_gym.regression.junit import junit, markdown
-from sada_gym.regression.regress import regress
-from sada_gym.report.make import report
 
 OBEYED = {
     "line break": "..#\n#..",

@@ -47,7 +47,7 @@ STEP_ALL = """
 import sys
 import gymnasium as gym
 import sada_gym
-from sada_gym.cards import cards
+from sada_gym.foundations.cards import cards
 assert sada_gym.__file__.startswith(sys.argv[1]), sada_gym.__file__
 missing = {
     i: card.missing or ("" if card.repeatable else "needs a server")

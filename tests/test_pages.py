@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sada_gym.cards import APPLICATIONS, ApplicationCard, find_card
-from sada_gym.lazy import load
+from sada_gym.foundations.cards import APPLICATIONS, ApplicationCard, find_card
+from sada_gym.foundations.lazy import load
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "environments"

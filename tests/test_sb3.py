@@ -15,12 +15,12 @@ import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sada_gym.determinism import one_thread
 from sada_gym.errors import UserError
 from sada_gym.evaluation.env import OracleEnv, OracleVectorEnv
+from sada_gym.foundations.determinism import one_thread
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 from sada_gym.oracle import Oracle
 from sada_gym.sb3 import AttackCallback, sample_policy
-from sada_gym.sb3_vec_env import SB3VecEnv
 
 ANALYTIC = "SADA-Analytic-v0"
 ROOT = Path(__file__).resolve().parent.parent

@@ -25,12 +25,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from sada_gym import adversaries
-from sada_gym.drawing import own_style
+from sada_gym.analyses.plots.style import FOOLED, new_figure, png
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.frames import INK, MUTED
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.oracle import Oracle
-from sada_gym.plots.style import FOOLED, new_figure, png
 
 OUT = Path(__file__).parents[1] / "docs" / "images"
 BUDGET, SAMPLES, SEED = 1_000, 250, 0

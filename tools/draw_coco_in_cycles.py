@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from sada_gym.analyses.plots.failure_choice import choose_failures
+from sada_gym.board.results.entry import read_entry
 from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.envs.detection.renderers.blender import Blender
 from sada_gym.evaluation.problems import make_application
-from sada_gym.frames import Frame
-from sada_gym.plots.failure_choice import choose_failures
-from sada_gym.results.entry import read_entry
+from sada_gym.foundations.frames import Frame
 from studies.coco_classes import nominal_mu
 
 ROOT = Path(__file__).parents[1]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym import Run, attack, make_application
-from sada_gym.replay import replay
+from sada_gym.analyses.replay import replay
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SECONDS = 4.4

@@ -17,13 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
 from sada_gym import adversaries
-from sada_gym.drawing import own_style
+from sada_gym.analyses.plots.style import axis_label, new_figure, png, tidy
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.evaluations import fools
-from sada_gym.frames import INK, MUTED
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
 from sada_gym.oracle import Oracle
 from sada_gym.parameters import ParameterSpace
-from sada_gym.plots.style import axis_label, new_figure, png, tidy
 
 OUT = Path(__file__).parents[1] / "docs" / "images" / "landscape.png"
 ADVERSARIES = ("random", "gmm10", "gp", "bbgan", "smc", "cma-mae", "sac", "trees", "level-set")

@@ -17,12 +17,12 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from sada_gym.drawing import own_style
+from sada_gym.analyses.plots.style import FOOLED, new_figure, png
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.frames import INK, MUTED
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
 from sada_gym.measures.coverage import fooling_coverage, relative_coverage
 from sada_gym.measures.novelty import novelty
-from sada_gym.plots.style import FOOLED, new_figure, png
 
 OUT = Path(__file__).parents[1] / "docs" / "images" / "measures.png"
 SAMPLES, QUERIES, REFERENCE, SEED, DRAWS = 250, 1_000, 2_000, 0, 10

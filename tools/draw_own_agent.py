@@ -20,11 +20,11 @@ from scipy.spatial import KDTree
 from stable_baselines3 import PPO
 
 from sada_gym import GymnasiumApplication, Run, attack
-from sada_gym.drawing import own_style
+from sada_gym.analyses.plots.style import axis_label, new_figure, png, tidy
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluations import Evaluations
-from sada_gym.frames import INK, Frame
-from sada_gym.plots.style import axis_label, new_figure, png, tidy
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, Frame
 from studies.without_hits import without_hits
 
 ROOT = Path(__file__).resolve().parents[1]

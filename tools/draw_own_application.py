@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from sada_gym import adversaries
-from sada_gym.drawing import own_style
-from sada_gym.frames import INK
+from sada_gym.analyses.plots.style import new_figure, png, tidy
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK
 from sada_gym.oracle import Oracle
-from sada_gym.plots.style import new_figure, png, tidy
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "images" / "own-application.png"

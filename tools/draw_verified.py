@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.drawing import own_style
-from sada_gym.frames import GRID, INK, MUTED
-from sada_gym.plots.style import FOOLED, new_figure, png, tidy
-from sada_gym.results.entry import EntryResult, read_entries
+from sada_gym.analyses.plots.style import FOOLED, new_figure, png, tidy
+from sada_gym.board.results.entry import EntryResult, read_entries
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import GRID, INK, MUTED
 
 ROOT = Path(__file__).parents[1]
 OUT, ENTRIES = ROOT / "docs" / "images" / "verified.png", ROOT / "leaderboard" / "entries"

@@ -13,8 +13,8 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.dialogue import Dialogue
 from sada_gym.adversaries.options import Options, choose_options
-from sada_gym.arrays import Floats
 from sada_gym.errors import UserError, check_integer
+from sada_gym.foundations.arrays import Floats
 from sada_gym.parameters import Mu, Permits
 
 MAX_DIMENSIONS = 1_000

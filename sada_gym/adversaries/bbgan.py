@@ -18,8 +18,8 @@ from sada_gym.adversaries.fitted import Arrays, FittedAdversary, validate_array,
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.adversaries.training_log import TrainingLog
-from sada_gym.determinism import one_thread
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.determinism import one_thread
 from sada_gym.parameters import Mu
 
 _CALIBRATION_DRAWS = 4096

@@ -15,9 +15,9 @@ from sada_gym.adversaries.fitted import Arrays, FittedAdversary, validate_array
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
-from sada_gym.arrays import Floats
 from sada_gym.errors import MissingExtra, install_line
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
 
 if TYPE_CHECKING:
     from ribs.schedulers import Scheduler

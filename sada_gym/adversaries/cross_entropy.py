@@ -14,9 +14,9 @@ from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, va
 from sada_gym.adversaries.models.mixture import Mixture, fit_best_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import FALLBACK_SIZE, evaluate, evaluate_uniform
-from sada_gym.arrays import Floats
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
 _TRIES = 50

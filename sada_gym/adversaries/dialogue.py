@@ -10,8 +10,8 @@ from queue import Queue
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, real_scores
 from sada_gym.errors import BudgetExhausted, UserError
+from sada_gym.foundations.arrays import Floats, real_scores
 from sada_gym.parameters import Mu, Permits, validate_mu
 
 

@@ -24,10 +24,10 @@ from sada_gym.adversaries.query_pool import (
     evaluate_uniform,
     select_fooling,
 )
-from sada_gym.arrays import AnyFloats, Bools
 from sada_gym.errors import UserError, check_known
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import OneLine, Strict, write_file, write_model
+from sada_gym.foundations.arrays import AnyFloats, Bools
+from sada_gym.foundations.files import OneLine, Strict, write_file, write_model
 from sada_gym.parameters import Mu
 
 Arrays = Mapping[str, npt.NDArray[Any]]

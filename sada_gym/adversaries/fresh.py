@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sada_gym.arrays import AnyFloats
 from sada_gym.errors import AdversaryError
+from sada_gym.foundations.arrays import AnyFloats
 from sada_gym.parameters import Mu
 
 _ROUNDS_WITHOUT_NOISE = 100

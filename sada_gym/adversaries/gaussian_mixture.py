@@ -8,8 +8,8 @@ from typing import ClassVar
 from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import Mixture, fit_mixture
 from sada_gym.adversaries.options import Options, option
-from sada_gym.arrays import Floats
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
 
 
 @dataclass(frozen=True)

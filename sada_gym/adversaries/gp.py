@@ -9,9 +9,9 @@ import numpy as np
 from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
 from sada_gym.adversaries.selection import Selection
-from sada_gym.arrays import AnyFloats, Floats
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import AnyFloats, Floats
 
 MAX_POINTS = 20_000
 """The most points that the process is fitted to: the paper's N. Memory grows with its square."""

@@ -14,9 +14,9 @@ from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import draw_permitted, evaluate, evaluate_uniform, permitted
-from sada_gym.arrays import AnyFloats, Bools, Floats, Indices
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import AnyFloats, Bools, Floats, Indices
 from sada_gym.measures.coverage import density_and_coverage
 from sada_gym.parameters import Mu
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sada_gym.adversaries.base import Query
-from sada_gym.arrays import Bools
 from sada_gym.errors import AdversaryError, BudgetTooSmall, UserError
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Bools
 from sada_gym.parameters import Mu
 
 FALLBACK_SIZE = 100

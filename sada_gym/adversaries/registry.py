@@ -10,7 +10,7 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.errors import UserError, check_known
-from sada_gym.parts import find_part
+from sada_gym.foundations.parts import find_part
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",

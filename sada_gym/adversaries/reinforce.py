@@ -15,8 +15,8 @@ from torch import Tensor
 from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
-from sada_gym.arrays import Floats
-from sada_gym.determinism import one_thread
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.determinism import one_thread
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
-from sada_gym.arrays import Floats
 from sada_gym.errors import BudgetTooSmall, TrainingDiverged
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
 from sada_gym.parameters import Mu
 
 MEMORY = 1_000

@@ -16,9 +16,9 @@ from torch import Tensor
 from sada_gym.adversaries.fitted import Arrays, without_prefix
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
-from sada_gym.arrays import Floats
-from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.determinism import generators_kept, one_thread
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.options import Options, option
-from sada_gym.arrays import AnyFloats, Floats
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import AnyFloats, Floats
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
 

@@ -15,8 +15,8 @@ from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
-from sada_gym.arrays import Floats
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
 _MIN_SPREAD = 1e-3

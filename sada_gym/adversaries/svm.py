@@ -12,9 +12,9 @@ from sklearn.svm import SVC
 
 from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.selection import Selection
-from sada_gym.arrays import AnyFloats, Floats, Integers
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import AnyFloats, Floats, Integers
 
 ONE_CLASS = "all scores of Omega fall into one of the five bins: samples are uniform"
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sada_gym.drawing import own_style
 from sada_gym.errors import MissingExtra, install_line
-from sada_gym.files import file_errors
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.files import file_errors
 from sada_gym.parameters import Mu
 
 

@@ -10,8 +10,8 @@ from sklearn.ensemble import ExtraTreesClassifier
 
 from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
 from sada_gym.adversaries.options import Options, option
-from sada_gym.arrays import AnyFloats
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import AnyFloats
 
 _POOL, _PART = 200_000, 20_000
 

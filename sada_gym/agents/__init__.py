@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
-from sada_gym.cards import AgentCard, cards, fetchable, find_card
 from sada_gym.errors import FileError, UserError
-from sada_gym.lazy import load as load_object
+from sada_gym.foundations.cards import AgentCard, cards, fetchable, find_card
+from sada_gym.foundations.lazy import load as load_object
 
 _WEIGHTS = ".safetensors"
 
@@ -84,7 +84,7 @@ def _located(agent: str | Path, application: str) -> tuple[str, Any]:
         return card.agent_sources[source], name
     others, shipped = fetchable(application), {row.name: row for row in card.agents}
     if agent in others:
-        fetched = load_object("sada_gym.fetch:fetched")  # which needs pydantic
+        fetched = load_object("sada_gym.foundations.fetch:fetched")  # which needs pydantic
         return others[str(agent)].loader, fetched(others[str(agent)])
     if agent in shipped:
         verify(shipped[str(agent)])

@@ -9,7 +9,7 @@ from typing import Any
 from gymnasium import spaces
 
 from sada_gym.errors import FileError, UserError
-from sada_gym.lazy import load
+from sada_gym.foundations.lazy import load
 
 ONNX = (".onnx",)
 TORCHSCRIPT = (".pt", ".pth", ".ts", ".torchscript", ".jit")

@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
 from sada_gym.errors import FileError, MissingExtra, Notice, UserError, explained, install_line
-from sada_gym.files import read_file
+from sada_gym.foundations.files import read_file
 
 Array = npt.NDArray[Any]
 MAX_MODEL_BYTES = 500 * 2**20

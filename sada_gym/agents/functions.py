@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sada_gym.agents.contract import Agent, Indices, Interface
-from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError, UserTypeError, described, explained
+from sada_gym.foundations.determinism import generators_kept, one_thread
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize

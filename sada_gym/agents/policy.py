@@ -28,8 +28,8 @@ from sada_gym.agents.model_call import (
 )
 from sada_gym.agents.tile import Batch, fits_batches, keyed, sampled, tiled
 from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
-from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError
+from sada_gym.foundations.determinism import generators_kept, one_thread
 
 POLICY_TILE = 16
 """The observations in one call of a model. A network that gives other bits to another place in the

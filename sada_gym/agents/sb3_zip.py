@@ -28,9 +28,9 @@ from torch.nn.modules import activation
 
 from sada_gym.agents.exported import MAX_MODEL_BYTES
 from sada_gym.agents.sb3_spaces import network_space, validate_action_space
-from sada_gym.determinism import generators_kept
 from sada_gym.errors import FileError, MissingExtra, UserError, explained, install_line
-from sada_gym.files import as_path, read_file
+from sada_gym.foundations.determinism import generators_kept
+from sada_gym.foundations.files import as_path, read_file
 
 _ALGORITHMS = {
     "clip_range": "PPO",

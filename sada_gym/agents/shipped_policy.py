@@ -13,7 +13,7 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
-from sada_gym.determinism import generators_kept
+from sada_gym.foundations.determinism import generators_kept
 
 
 class ShippedPolicy(MultiInputActorCriticPolicy):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from sada_gym.determinism import one_thread
+from sada_gym.foundations.determinism import one_thread
 
 Batch = dict[str, npt.NDArray[Any]]
 """Inputs of n agents, each key (n, ...)."""

@@ -33,7 +33,7 @@ from stable_baselines3.common.vec_env.stacked_observations import StackedObserva
 
 from sada_gym.agents.tile import ALONE, Batch, keyed
 from sada_gym.errors import FileError, UserError, UserTypeError, explained
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 CHANGING_WRAPPERS: tuple[type[Any], ...] = (gym.ObservationWrapper, gym.ActionWrapper)
 """Gymnasium's wrappers that change what an agent sees and does."""

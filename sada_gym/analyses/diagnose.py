@@ -13,16 +13,16 @@ import numpy as np
 from sada_gym.analyses.failures import PlayedAgain, check_seeds, list_failures
 from sada_gym.analyses.telling import tell
 from sada_gym.application import Application
-from sada_gym.arrays import Bools
-from sada_gym.diagnosis.core import diagnose_worlds
-from sada_gym.diagnosis.grouping import grouped
-from sada_gym.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, write_diagnosis
 from sada_gym.errors import FileError, Notice, UserError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.stored import OnScores
 from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget
+from sada_gym.foundations.arrays import Bools
+from sada_gym.measures.diagnosis.core import diagnose_worlds
+from sada_gym.measures.diagnosis.grouping import grouped
+from sada_gym.measures.diagnosis.record import DIAGNOSIS_FILE, Diagnosis, write_diagnosis
 from sada_gym.parameters import Mu
 from sada_gym.run import Run
 from sada_gym.run.folder import STORE_FILE
@@ -59,7 +59,7 @@ def diagnose(
         fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
             least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
         confirm: Tries each failure among the samples again on so many fresh seeds, see
-            `sada_gym.failures`.
+            `sada_gym.measures.failures`.
         application: What the run attacked, where it cannot say it, see `Run.open`.
         workers: 1 evaluates in this process, more in as many others.
         on_scores: See `OnScores`.

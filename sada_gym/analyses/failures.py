@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.application import Application
-from sada_gym.arrays import Indices
-from sada_gym.behaviour import Behaviour, Behaviours, Plain
 from sada_gym.errors import Notice, UserTypeError, check_integer, described
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.failures import FAILURES_FILE, Failure, FailureGroup, Failures, Group
-from sada_gym.files import shown, write_model
+from sada_gym.foundations.arrays import Indices
+from sada_gym.foundations.behaviour import Behaviour, Behaviours, Plain
+from sada_gym.foundations.files import shown, write_model
+from sada_gym.measures.failures import FAILURES_FILE, Failure, FailureGroup, Failures, Group
 from sada_gym.measures.groups import distinct, words
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.algorithm import OnProgress, RunProgress
-from sada_gym.files import file_errors, sync
+from sada_gym.foundations.files import file_errors, sync
 
 if TYPE_CHECKING:
     from sada_gym.application import Application
-    from sada_gym.frames import Frame
+    from sada_gym.foundations.frames import Frame
     from sada_gym.run import Run
 
 _UNFINISHED = ".pictures.tmp"
@@ -34,7 +34,7 @@ def draw_missing(
     are_whole = not beside.exists() and all(path.stat().st_size for path in run.pictures)
     if run.pictures and are_whole and not anew:
         return frames
-    from sada_gym.plots.attack import draw_attack  # matplotlib
+    from sada_gym.analyses.plots.attack import draw_attack  # matplotlib
 
     on_progress(RunProgress("pictures"))
     diagnosis, queries = run.diagnosis, run.queries

@@ -8,12 +8,12 @@ import numpy as np
 
 from sada_gym.analyses.failures import PlayedAgain
 from sada_gym.application import Application
-from sada_gym.arrays import Bools
-from sada_gym.behaviour import Behaviours
-from sada_gym.diagnosis.record import Diagnosis, Weakness
-from sada_gym.diagnosis.rules import holds
 from sada_gym.evaluations import Evaluations
-from sada_gym.failures import Failure, Failures
+from sada_gym.foundations.arrays import Bools
+from sada_gym.foundations.behaviour import Behaviours
+from sada_gym.measures.diagnosis.record import Diagnosis, Weakness
+from sada_gym.measures.diagnosis.rules import holds
+from sada_gym.measures.failures import Failure, Failures
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Mu
 
@@ -36,7 +36,7 @@ def tell(
         application: What the run attacked; some failures of each weakness are played again, unless
             that was done.
         known: The run's training queries and test samples.
-        failures: Those among the samples, see `sada_gym.failures`; None where there are none.
+        failures: Those among the samples, see `measures.failures`; None where there are none.
         again: Plays them, all together.
     """
     weaknesses = diagnosis.weaknesses

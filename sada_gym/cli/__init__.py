@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 
 from sada_gym import __version__
 from sada_gym.cli.terminal import prepare
-from sada_gym.lazy import load
+from sada_gym.foundations.lazy import load
 
 # a word without an option reaches the command, which says what to write instead
 _STRAY = {"allow_extra_args": True}

@@ -28,7 +28,7 @@ from sada_gym.cli.console import (
 )
 from sada_gym.errors import UserError
 from sada_gym.experiment.names import check_spelling, default_note
-from sada_gym.ids import names_file
+from sada_gym.foundations.ids import names_file
 
 if TYPE_CHECKING:
     from sada_gym.run import Run
@@ -105,7 +105,7 @@ def attack(
             say(f"Each failure costs {confirm} more evaluations, to confirm it.", console=err)
         from sada_gym.attacks import attack as run_attack
         from sada_gym.evaluation.executors import open_executor
-        from sada_gym.progress import AttackProgress
+        from sada_gym.experiment.progress import AttackProgress
 
         try:
             with (

@@ -12,7 +12,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from sada_gym.benchmark.suite import SUITES, choose, find_suite
+from sada_gym.board.benchmark.suite import SUITES, choose, find_suite
+from sada_gym.board.results.columns import row_cells, row_columns
+from sada_gym.board.results.sheet import Line, Sheet
 from sada_gym.cli.console import (
     check_no_stray_words,
     cores,
@@ -31,13 +33,11 @@ from sada_gym.cli.console import (
     workers_option,
 )
 from sada_gym.errors import UserError
-from sada_gym.results.columns import row_cells, row_columns
-from sada_gym.results.sheet import Line, Sheet
 
 if TYPE_CHECKING:
-    from sada_gym.benchmark.costs import CostEstimate
-    from sada_gym.benchmark.run import BenchmarkResult, Outlook
-    from sada_gym.results.rows import Row
+    from sada_gym.board.benchmark.costs import CostEstimate
+    from sada_gym.board.benchmark.run import BenchmarkResult, Outlook
+    from sada_gym.board.results.rows import Row
 
 
 SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
@@ -106,7 +106,7 @@ def benchmark(
         check_no_stray_words(context.args, "--track A --track B")
         if plan and report:
             raise UserError("Expected --plan or --report, got both. Leave one out.")
-        from sada_gym.benchmark.run import plan_benchmark, report_benchmark, run_benchmark
+        from sada_gym.board.benchmark.run import plan_benchmark, report_benchmark, run_benchmark
         from sada_gym.cli.benchmark_progress import BenchmarkProgress
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.measures.reference import FOLDER

@@ -9,15 +9,15 @@ from collections import deque
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 
-from sada_gym.benchmark.entries import Missing
-from sada_gym.benchmark.folder import Timing
-from sada_gym.benchmark.plan import Plan
-from sada_gym.benchmark.progress import BenchmarkCallback
-from sada_gym.benchmark.report.tables import short_name
+from sada_gym.board.benchmark.entries import Missing
+from sada_gym.board.benchmark.folder import Timing
+from sada_gym.board.benchmark.plan import Plan
+from sada_gym.board.benchmark.progress import BenchmarkCallback
+from sada_gym.board.benchmark.report.tables import short_name
 from sada_gym.cli.console import say
 from sada_gym.experiment.algorithm import RunProgress
+from sada_gym.experiment.progress import COMPILING, Display, clock, will_compile
 from sada_gym.experiment.record import RunSettings
-from sada_gym.progress import COMPILING, Display, clock, will_compile
 
 _WINDOW_S = 30.0
 

@@ -31,8 +31,8 @@ def envs(
         if env_id is not None:
             _show_environment(env_id, env_kwargs, as_json)
             return
-        from sada_gym.cards import cards
-        from sada_gym.registration import ids_of
+        from sada_gym.foundations.cards import cards
+        from sada_gym.foundations.registration import ids_of
 
         if as_json:
             missing = {card.name: card.missing for card in cards() if card.missing}
@@ -91,7 +91,7 @@ def _show_environment(env_id: str, pairs: list[str] | None, as_json: bool) -> No
 
 def agents(as_json: bool = json_option()) -> None:
     """List the trained agents that are shipped or can be fetched."""
-    from sada_gym.cards import cards
+    from sada_gym.foundations.cards import cards
 
     if as_json:
         print_json(

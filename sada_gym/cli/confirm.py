@@ -42,8 +42,8 @@ def confirm(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
+        from sada_gym.analyses.transfer import confirm as score_again
         from sada_gym.evaluation.executors import open_executor
-        from sada_gym.transfer import confirm as score_again
 
         with open_executor(executor, workers) as opened, scores_progress() as progress:
             confirmation = score_again(

@@ -231,7 +231,7 @@ def scores_progress(*, kept: bool = True) -> Iterator[Callable[[int, int, int], 
     If the scores are `kept`, it says how to go on.
     """
     from sada_gym.experiment.algorithm import RunProgress
-    from sada_gym.progress import AttackProgress
+    from sada_gym.experiment.progress import AttackProgress
 
     done = 0
     try:

@@ -40,8 +40,8 @@ def diagnose(
     """
     with errors_as_sentences():
         from sada_gym.analyses.diagnose import diagnose as find
-        from sada_gym.diagnosis.summary import details
-        from sada_gym.report.make import report
+        from sada_gym.analyses.report.make import report
+        from sada_gym.measures.diagnosis.summary import details
         from sada_gym.run.folder import REPORT_FILE
 
         with scores_progress() as progress:

@@ -37,7 +37,7 @@ def export(
     `sada-gym regress` tests another agent with it. The same command goes on after a stop.
     """
     with errors_as_sentences():
-        from sada_gym.regression.export import export as write
+        from sada_gym.analyses.regression.export import export as write
 
         with scores_progress() as progress:
             exported = write(

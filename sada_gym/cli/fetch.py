@@ -28,9 +28,9 @@ def fetch(
 ) -> None:
     """Fetch a trained agent that does not come with this package; without NAME, list them."""
     with errors_as_sentences():
-        from sada_gym import fetch as fetching
-        from sada_gym.cards import fetchable
         from sada_gym.errors import UserError
+        from sada_gym.foundations import fetch as fetching
+        from sada_gym.foundations.cards import fetchable
 
         if name is not None:
             path = fetching.fetch(name, file)

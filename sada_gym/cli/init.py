@@ -52,8 +52,8 @@ def init(
         keywords = key_values(env_kwargs, "--env-kwargs")
         from sada_gym.envs.wrapped.starter import starter_file, train_stand_in
         from sada_gym.envs.wrapped.toml import find_modules_in
-        from sada_gym.files import write_file
-        from sada_gym.registration import env_ids
+        from sada_gym.foundations.files import write_file
+        from sada_gym.foundations.registration import env_ids
 
         if env_id in env_ids():
             raise UserError(

@@ -39,10 +39,10 @@ def regress(
     Exit codes: 0 passed, 1 failed, 2 invalid input, 3 inconclusive.
     """
     with errors_as_sentences():
-        from sada_gym.files import write_file
-        from sada_gym.regression.junit import junit as as_junit
-        from sada_gym.regression.junit import markdown as as_markdown
-        from sada_gym.regression.regress import regress as test
+        from sada_gym.analyses.regression.junit import junit as as_junit
+        from sada_gym.analyses.regression.junit import markdown as as_markdown
+        from sada_gym.analyses.regression.regress import regress as test
+        from sada_gym.foundations.files import write_file
 
         with scores_progress(kept=store is not None) as progress:
             result = test(

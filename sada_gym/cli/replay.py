@@ -39,8 +39,8 @@ def replay(
     the run stored. A GIF has at most 2 MB for ten seconds.
     """
     with errors_as_sentences():
-        from sada_gym.progress import COMPILING, will_compile
-        from sada_gym.replay import video as videos
+        from sada_gym.analyses.replay import video as videos
+        from sada_gym.experiment.progress import COMPILING, will_compile
 
         status = Status("Opening the run", console=err)
         compiling = False

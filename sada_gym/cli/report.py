@@ -41,7 +41,7 @@ def report(
     The page is one file that asks for nothing on the network. worlds.csv is written anew, too.
     """
     with errors_as_sentences():
-        from sada_gym.report.make import report as make
+        from sada_gym.analyses.report.make import report as make
 
         with err.status("Reading the runs") as status:
 

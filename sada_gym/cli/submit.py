@@ -23,8 +23,8 @@ from sada_gym.errors import UserError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from sada_gym.results.entry import Entry, EntryResult
-    from sada_gym.results.models import EntryMetadata
+    from sada_gym.board.results.entry import Entry, EntryResult
+    from sada_gym.board.results.models import EntryMetadata
 
 
 def submit(
@@ -78,8 +78,8 @@ def submit(
     request. An existing entry of that name receives the new results.
     """
     with errors_as_sentences():
-        from sada_gym.submission.submit import make_metadata
-        from sada_gym.submission.submit import submit as submit_runs
+        from sada_gym.board.submission.submit import make_metadata
+        from sada_gym.board.submission.submit import submit as submit_runs
 
         metadata = make_metadata(
             name=name,
@@ -134,9 +134,9 @@ def _submit_samples(
     console: Console,
     **keywords: Any,
 ) -> Entry:
-    from sada_gym.progress import AttackProgress
-    from sada_gym.submission.current import current_target, default_agent
-    from sada_gym.submission.submit import submit_samples
+    from sada_gym.board.submission.current import current_target, default_agent
+    from sada_gym.board.submission.submit import submit_samples
+    from sada_gym.experiment.progress import AttackProgress
 
     keywords |= {key.removeprefix("--"): value for key, value in own.items() if value is not None}
     track = keywords["track"]

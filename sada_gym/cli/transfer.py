@@ -26,7 +26,7 @@ from sada_gym.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from sada_gym.transfer import Comparison
+    from sada_gym.analyses.transfer import Comparison
 
 
 def transfer(
@@ -63,9 +63,9 @@ def transfer(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
+        from sada_gym.analyses.transfer import transfer as score_elsewhere
         from sada_gym.evaluation.executors import open_executor
-        from sada_gym.files import write_model
-        from sada_gym.transfer import transfer as score_elsewhere
+        from sada_gym.foundations.files import write_model
 
         with open_executor(executor, workers) as opened, scores_progress() as progress:
             transfers = score_elsewhere(

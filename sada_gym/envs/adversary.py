@@ -11,13 +11,13 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from sada_gym.application import Application, check_declared, isolated_rng
-from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import UserError, UserTypeError, check_known
-from sada_gym.frames import Frame, as_frame
-from sada_gym.lazy import load
-from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, RenderModes
-from sada_gym.proposals import Proposals
-from sada_gym.seeds import SEED_BOUND, fold_seed
+from sada_gym.evaluation.proposals import Proposals
+from sada_gym.foundations.arrays import Floats, Floats32, Indices
+from sada_gym.foundations.frames import Frame, as_frame
+from sada_gym.foundations.lazy import load
+from sada_gym.foundations.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, RenderModes
+from sada_gym.foundations.seeds import SEED_BOUND, fold_seed
 
 
 class AdversaryEnv(LockstepEnv[Floats32]):

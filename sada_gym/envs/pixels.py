@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.compiled import inlined
 from sada_gym.envs import hashing
+from sada_gym.foundations.compiled import inlined
 
 Triple = tuple[float, float, float]
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32
 from sada_gym.errors import BudgetExhausted
-from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, Transition
-from sada_gym.proposals import Proposals
+from sada_gym.evaluation.proposals import Proposals
+from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, Transition
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle

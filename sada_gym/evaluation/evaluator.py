@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sada_gym.application import INFEASIBLE, Application, check_declared
-from sada_gym.arrays import Floats
 from sada_gym.errors import (
     Notice,
     SlowWorlds,
@@ -27,7 +26,8 @@ from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import MAX_WORKERS, PortableScorer
-from sada_gym.ids import names_file
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.ids import names_file
 from sada_gym.measures.rates import wilson_interval
 from sada_gym.parameters import Mu
 

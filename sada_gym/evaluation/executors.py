@@ -11,11 +11,11 @@ from contextlib import ExitStack, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from sada_gym.arithmetic import arithmetic
-from sada_gym.environment_variables import set_environment_variables
 from sada_gym.errors import MissingExtra, UserError, check_integer, install_line
 from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import inherited_settings
+from sada_gym.foundations.arithmetic import arithmetic
+from sada_gym.foundations.environment_variables import set_environment_variables
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
 """The names that `open_executor` takes."""

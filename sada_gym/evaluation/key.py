@@ -11,7 +11,7 @@ from typing_extensions import Self
 from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError, check_plain
 from sada_gym.evaluation.sources import own_sources
-from sada_gym.files import Strict
+from sada_gym.foundations.files import Strict
 
 
 class ApplicationKey(Strict):

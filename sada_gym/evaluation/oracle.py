@@ -13,11 +13,11 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.arrays import Bools, Floats
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.problems import Problem
 from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
+from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.parameters import Mu, validate_mu
 
 Progress = Callable[[int, int, int], None]

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from sada_gym.application import Application
-from sada_gym.arrays import Floats, real_scores
-from sada_gym.determinism import single_threaded
 from sada_gym.errors import UserError, check_known
-from sada_gym.ids import find_spec, names_file, receive_spec, sent_spec
-from sada_gym.lazy import load
+from sada_gym.foundations.arrays import Floats, real_scores
+from sada_gym.foundations.determinism import single_threaded
+from sada_gym.foundations.ids import find_spec, names_file, receive_spec, sent_spec
+from sada_gym.foundations.lazy import load
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]

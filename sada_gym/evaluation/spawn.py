@@ -17,7 +17,7 @@ from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
-from sada_gym.environment_variables import environment_variables
+from sada_gym.foundations.environment_variables import environment_variables
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 _lock = threading.RLock()

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from typing_extensions import Self
 
-from sada_gym.arrays import Floats
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.store_errors import check_usable, corrupt, explained
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import as_path
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.files import as_path
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1

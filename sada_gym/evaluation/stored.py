@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats, Integers
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluations import fools
+from sada_gym.foundations.arrays import Bools, Floats, Integers
 from sada_gym.parameters import Mu
 
 OnScores = Callable[[int, int, int], object]

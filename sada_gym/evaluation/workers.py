@@ -22,11 +22,11 @@ from typing import Any
 import cloudpickle
 
 from sada_gym.application import Application
-from sada_gym.environment_variables import environment_variables
 from sada_gym.errors import Notice, UserError, UserTypeError, WorkerError, described
 from sada_gym.evaluation import watch
 from sada_gym.evaluation.problems import Answer, Registered, Scorer, score
 from sada_gym.evaluation.spawn import spawn_context, without_main
+from sada_gym.foundations.environment_variables import environment_variables
 from sada_gym.parameters import Mu
 
 MAX_WORKERS = 1_024

@@ -13,7 +13,7 @@ from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.errors import UserError, UserTypeError, check_keywords
 from sada_gym.experiment.ideal import IDEAL, Ideal
-from sada_gym.files import Strict
+from sada_gym.foundations.files import Strict
 from sada_gym.parameters import Mu
 
 

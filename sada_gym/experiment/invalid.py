@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from sada_gym.application import INFEASIBLE, Application
 from sada_gym.evaluation.evaluator import MANY, MOST_INVALID, too_many_invalid
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.files import Strict
+from sada_gym.foundations.files import Strict
 
 
 class InvalidWorlds(Strict):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import Strict
+from sada_gym.foundations.files import Strict
 from sada_gym.measures.coverage import NEAREST, fooling_coverage, relative_coverage
 from sada_gym.measures.novelty import Neighbour, Neighbours, Novelty, novelty, relative_novelty
 from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours

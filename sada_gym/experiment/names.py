@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from sada_gym import adversaries, agents
-from sada_gym.cards import ApplicationCard, cards
 from sada_gym.errors import check_known
-from sada_gym.ids import find_spec, names_file
+from sada_gym.foundations.cards import ApplicationCard, cards
+from sada_gym.foundations.ids import find_spec, names_file
 
 IDEAL = "ideal"  #: The name of the control that knows the answer.
 

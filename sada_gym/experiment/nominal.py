@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats, Floats32
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import Strict
+from sada_gym.foundations.arrays import Bools, Floats, Floats32
+from sada_gym.foundations.files import Strict
 from sada_gym.parameters import Mu, ParameterSpace
 
 SEEDS = 3

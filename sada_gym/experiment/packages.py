@@ -10,8 +10,8 @@ from importlib import metadata
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.arithmetic import arithmetic, warn_of_others
-from sada_gym.cards import find_card
+from sada_gym.foundations.arithmetic import arithmetic, warn_of_others
+from sada_gym.foundations.cards import find_card
 
 ARITHMETIC = "arithmetic"
 
@@ -41,7 +41,7 @@ _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
     """Return the versions of Python and of those packages that can change a run's result.
 
-    `arithmetic` among them says with which kernels they compute, see `sada_gym.arithmetic`.
+    `arithmetic` among them says with which kernels they compute, see `foundations.arithmetic`.
 
     A class of a user's own may name its packages in an attribute `packages`, a tuple of names as
     pip knows them. Without it all the packages count that any of our own needs.

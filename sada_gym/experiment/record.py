@@ -15,7 +15,7 @@ from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.target import Target
-from sada_gym.files import OneLine, Strict
+from sada_gym.foundations.files import OneLine, Strict
 from sada_gym.measures.failure_regions import FailureRegions
 from sada_gym.measures.sensitivity import Influence
 
@@ -24,7 +24,7 @@ class Protocol(Strict):
     """The rules that an adversary plays by.
 
     Attributes:
-        rule: The name of the rule for the budget, see `sada_gym.benchmark.suite.Table`; empty for
+        rule: The name of the rule for the budget, see `board.benchmark.suite.Table`; empty for
             an attack of one's own.
         budget: The number of training queries that it may spend.
         samples: M, the number of test samples.

@@ -19,12 +19,12 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.names import card_of
-from sada_gym.files import Strict, shown
-from sada_gym.ids import names_file
+from sada_gym.foundations.files import Strict, shown
+from sada_gym.foundations.ids import names_file
+from sada_gym.foundations.registration import ids_of
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
-from sada_gym.registration import ids_of
 
 
 class ReferenceSummary(Strict):

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import as_array
 
 MIN_SAMPLES = 10
 """The least number of samples whose spread means something."""

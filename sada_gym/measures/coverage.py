@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Indices, as_array
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Floats, Indices, as_array
 
 NEAREST = 5
 """The number k of the neighbour that sets the radius around a reference point."""

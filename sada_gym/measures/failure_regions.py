@@ -9,10 +9,11 @@ from functools import cache
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats
 from sada_gym.errors import plain
-from sada_gym.files import OneLine, Strict
-from sada_gym.parameters import Mu, Parameter, ParameterSpace, number
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.figures import number, percent
+from sada_gym.foundations.files import OneLine, Strict
+from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 MIN_FAILURES = 10
 """The least number of different failures of which anything is said."""
@@ -345,13 +346,3 @@ def _describe_directions(names: tuple[str, ...], cells: Bools) -> str:
 def either(parts: Sequence[str]) -> str:
     """Join what may be said of one thing: `fog, rain or snow`."""
     return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
-def percent(share: float) -> str:
-    """Write a share as people read it: `31 %`."""
-    percent = 100.0 * share
-    if 0.0 < percent < 0.1:
-        return "under 0.1 %"
-    # what is not all of them never reads as 100 %
-    shown = min(percent, 99.0) if share < 1.0 else percent
-    return f"{shown:.1f} %" if percent < 1.0 else f"{shown:.0f} %"

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Indices, Integers
-from sada_gym.parameters import Mu, ParameterSpace, number
+from sada_gym.foundations.arrays import Floats, Indices, Integers
+from sada_gym.foundations.figures import number
+from sada_gym.parameters import Mu, ParameterSpace
 
 _NEAR = 0.5
 """Failures of a group are nearer than this share of the mean distance in the box."""

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.arrays import Floats32, as_array
 from sada_gym.errors import UserError
-from sada_gym.files import Strict
-from sada_gym.frames import Frame
+from sada_gym.foundations.arrays import Floats32, as_array
+from sada_gym.foundations.files import Strict
+from sada_gym.foundations.frames import Frame
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.measures.rates import nearest_neighbours
-from sada_gym.seeds import validate_seeds
 
 
 class Novelty(Strict):

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-from sada_gym.arrays import Floats, Indices, as_array
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
-from sada_gym.files import Strict
+from sada_gym.foundations.arrays import Floats, Indices, as_array
+from sada_gym.foundations.files import Strict
 
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 

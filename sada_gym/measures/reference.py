@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.arrays import Bools, Floats, Floats32
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import evaluation_seeds, fools
-from sada_gym.files import (
+from sada_gym.foundations.arrays import Bools, Floats, Floats32
+from sada_gym.foundations.files import (
     MAX_ARRAYS_BYTES,
     Strict,
     file_errors,
@@ -26,7 +26,7 @@ from sada_gym.files import (
 )
 from sada_gym.parameters import Mu
 
-FOLDER = Path(__file__).parents[1] / "references"
+FOLDER = Path(__file__).with_name("references")
 INDEX = "index.json"
 
 _STREAM_SEED = _SPLIT_SEED = 0

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats32, Indices, as_array
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
-from sada_gym.files import Strict
+from sada_gym.foundations.arrays import Floats32, Indices, as_array
+from sada_gym.foundations.files import Strict
 from sada_gym.measures.coverage import (
     NEAREST,
     nearest_distances,

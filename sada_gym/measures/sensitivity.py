@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats
-from sada_gym.determinism import single_threaded
-from sada_gym.files import Strict
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.determinism import single_threaded
+from sada_gym.foundations.files import Strict
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import norm, t, trim_mean
 
-from sada_gym.arrays import Bools, Floats, as_array
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Bools, Floats, as_array
 
 Interval = tuple[float, float]
 Statistic = Literal["mean", "iqm"]

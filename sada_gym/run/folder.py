@@ -19,7 +19,7 @@ from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.differences import check_same_record
 from sada_gym.experiment.record import RunSettings
-from sada_gym.files import (
+from sada_gym.foundations.files import (
     MAX_TOML_BYTES,
     Strict,
     read_arrays,

@@ -12,8 +12,8 @@ from urllib.parse import unquote_to_bytes
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.files import MAX_TOML_BYTES, Strict, parse_toml, read_file
-from sada_gym.ids import names_file
+from sada_gym.foundations.files import MAX_TOML_BYTES, Strict, parse_toml, read_file
+from sada_gym.foundations.ids import names_file
 
 _SCHEME = "file://"
 

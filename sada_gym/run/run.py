@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.application import Application
-from sada_gym.diagnosis.record import Diagnosis, diagnosed_before
-from sada_gym.diagnosis.summary import rows as weakness_rows
 from sada_gym.errors import FileError, UserError, UserTypeError, plain
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.record import RunReport, RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
-from sada_gym.failures import Failures, listed_before
-from sada_gym.files import as_path, read_model, shown
+from sada_gym.foundations.files import as_path, read_model, shown
+from sada_gym.measures.diagnosis.record import Diagnosis, diagnosed_before
+from sada_gym.measures.diagnosis.summary import rows as weakness_rows
+from sada_gym.measures.failures import Failures, listed_before
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run.folder import (
     ADVERSARY_FOLDER,

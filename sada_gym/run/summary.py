@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from sada_gym.cards import find_card
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import FeasibleRate
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
+from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.figures import number, tenths
 from sada_gym.measures.sensitivity import Influence
-from sada_gym.parameters import ParameterSpace, number
+from sada_gym.parameters import ParameterSpace
 from sada_gym.run.folder import RESULT_FILE
 
 AFR = "attack fooling rate"
@@ -46,7 +47,7 @@ def summary_rows(
     of_samples = f"{report.fooled} of {samples:,} samples"
     if invalid is not None and invalid.samples:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
-    yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
+    yield AFR, f"{tenths(report.afr)} ({interval}), {of_samples}"
     yield from tuple(where) or [("where", report.where.sentence)]
     yield from further
     if report.influences:
@@ -61,13 +62,13 @@ def summary_rows(
     if report.feasible is not None:
         yield "over feasible worlds", _feasible(report.feasible, report.fooled)
     if report.search.fooling_rate is not None:
-        rate = _percent(report.search.fooling_rate)
+        rate = tenths(report.search.fooling_rate)
         yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
     if invalid is not None:
         yield "invalid worlds", _invalid(invalid, report, values)
     yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
     if report.relative_coverage is not None:
-        yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
+        yield "coverage", f"{tenths(report.relative_coverage)}; ideal samples would be 100 %"
     if report.novelty is not None:
         yield "novelty", f"median distance {report.novelty.median:.3f} to the nearest query"
     for flag in report.flags:
@@ -82,10 +83,10 @@ def results_line(folder: Path, pictures: Iterable[Path]) -> str:
 
 def _in_use(found: FailureProbability) -> str:
     low, high = found.interval_95
-    text = f"fails with probability {_percent(found.probability)} (95 % interval {100 * low:.1f} "
+    text = f"fails with probability {tenths(found.probability)} (95 % interval {100 * low:.1f} "
     text += f"to {100 * high:.1f}), by {found.worlds:,} uniform worlds worth {found.worth:.0f}"
     if found.held < _ALL_HELD:
-        text += f"; the ranges hold {_percent(found.held)} of such worlds"
+        text += f"; the ranges hold {tenths(found.held)} of such worlds"
     if found.worth < _FEW_DRAWS:
         text += ". That is little: ask more, or shrink the ranges to what occurs"
     return text
@@ -94,7 +95,7 @@ def _in_use(found: FailureProbability) -> str:
 def _feasible(found: FeasibleRate, fooled: int) -> str:
     if found.afr is None:
         return "not known: the privileged agent fails in all of the samples' worlds"
-    text = f"{_percent(found.afr)}, {found.fooled} of {found.worlds} samples"
+    text = f"{tenths(found.afr)}, {found.fooled} of {found.worlds} samples"
     if not fooled:
         return text
     return f"{text}; in {fooled - found.fooled} of {fooled} failures the privileged agent fails too"
@@ -129,14 +130,14 @@ def _uniform_rate(report: RunReport) -> str:
     experiment = report.settings.experiment
     adversary, reference = experiment.adversary.name, experiment.target.reference
     if reference is not None:
-        return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
+        return f"{tenths(reference.uniform_rate)} (reference set of {reference.points:,} points)"
     if adversary == "random":
-        return f"{_percent(report.afr)} (these samples are uniform)"
+        return f"{tenths(report.afr)} (these samples are uniform)"
     uniform = report.uniform
     if uniform is None:
         return "not known: run --adversary random"
     which = "its" if uniform.worlds == report.search.queries else "the first"
-    rate = _percent(uniform.fooled / uniform.worlds)
+    rate = tenths(uniform.fooled / uniform.worlds)
     return f"{rate} ({which} {uniform.worlds:,} training queries are uniform)"
 
 
@@ -186,7 +187,3 @@ class _Values:
 
     def world(self, values: Mapping[str, float]) -> str:
         return ", ".join(self.text(name, value) for name, value in values.items())
-
-
-def _percent(rate: float) -> str:
-    return f"{100 * rate:.1f} %"

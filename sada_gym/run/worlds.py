@@ -15,13 +15,13 @@ from pydantic import ValidationError
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.arrays import Integers
-from sada_gym.diagnosis.record import SumCondition
-from sada_gym.diagnosis.rules import holds
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations
-from sada_gym.files import OneLine, Strict, read_model, write_file, write_model
-from sada_gym.frames import LegendEntry, Mark
+from sada_gym.foundations.arrays import Integers
+from sada_gym.foundations.files import OneLine, Strict, read_model, write_file, write_model
+from sada_gym.foundations.frames import LegendEntry, Mark
+from sada_gym.measures.diagnosis.record import SumCondition
+from sada_gym.measures.diagnosis.rules import holds
 from sada_gym.measures.failure_regions import Condition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 

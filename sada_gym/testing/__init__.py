@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sada_gym.lazy import lazy_names
+from sada_gym.foundations.lazy import lazy_names
 from sada_gym.testing.purity import assert_pure
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import UserError, described, explained
 from sada_gym.evaluation.problems import make_application, make_env
-from sada_gym.ids import names_file
+from sada_gym.foundations.ids import names_file
 from sada_gym.testing import rules
 from sada_gym.testing.processes import import_file
 

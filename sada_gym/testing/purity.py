@@ -8,8 +8,8 @@ import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
 from sada_gym.application import Application, Outcomes
+from sada_gym.foundations.seeds import SEED_BOUND
 from sada_gym.parameters import Mu
-from sada_gym.seeds import SEED_BOUND
 from sada_gym.testing.processes import in_fresh_process
 
 

@@ -16,8 +16,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from sada_gym.determinism import generators_kept
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.determinism import generators_kept
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 DistributionT = TypeVar("DistributionT")
 """What episodes are drawn from: an application's `StartDistribution`."""

@@ -22,7 +22,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sada_gym.determinism import generators_kept, one_thread
+from sada_gym.foundations.determinism import generators_kept, one_thread
 from studies.agents import FOLDER
 from studies.means import mean_text
 from studies.training.common import ModelCard, parse_only_recipe

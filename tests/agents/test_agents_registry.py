@@ -6,8 +6,8 @@ import pytest
 from safetensors.torch import load_file, save_file
 
 from sada_gym import agents
-from sada_gym.cards import cards, find_card
-from sada_gym.lazy import load
+from sada_gym.foundations.cards import cards, find_card
+from sada_gym.foundations.lazy import load
 
 WITH_AGENTS = [card for card in cards() if card.agents]
 

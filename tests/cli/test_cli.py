@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 import sada_gym
 from sada_gym import adversaries
-from sada_gym.benchmark.suite import find_suite
+from sada_gym.board.benchmark.suite import find_suite
 from sada_gym.cli import app
 from sada_gym.cli.console import (
     Terminated,
@@ -74,13 +74,19 @@ HEAVY = ("torch", "scipy", "matplotlib", "pybullet", "stable_baselines3", "sklea
 @pytest.mark.parametrize(
     ("command", "more"),
     [
-        (["--help"], ["pydantic", "rich.console", "sada_gym.cli.attack", "sada_gym.files"]),
-        (["atack"], ["rich.console", "sada_gym.cli.attack", "sada_gym.files"]),
-        (["attack", "--help"], ["sada_gym.files", "sada_gym.evaluation.oracle"]),
-        (["attack", "SADA-Detecton-v0"], ["sada_gym.files", "sada_gym.evaluation.oracle"]),
-        (["attack", "SADA-Detection-v0", "-a", "bbgn"], ["sada_gym.files"]),
-        (["attack", "SADA-Detection-v0", "--agent", "nofile.pt"], ["sada_gym.files"]),
-        (["attack", "SADA-Detection-v0", "--set", "steps"], ["sada_gym.files"]),
+        (
+            ["--help"],
+            ["pydantic", "rich.console", "sada_gym.cli.attack", "sada_gym.foundations.files"],
+        ),
+        (["atack"], ["rich.console", "sada_gym.cli.attack", "sada_gym.foundations.files"]),
+        (["attack", "--help"], ["sada_gym.foundations.files", "sada_gym.evaluation.oracle"]),
+        (
+            ["attack", "SADA-Detecton-v0"],
+            ["sada_gym.foundations.files", "sada_gym.evaluation.oracle"],
+        ),
+        (["attack", "SADA-Detection-v0", "-a", "bbgn"], ["sada_gym.foundations.files"]),
+        (["attack", "SADA-Detection-v0", "--agent", "nofile.pt"], ["sada_gym.foundations.files"]),
+        (["attack", "SADA-Detection-v0", "--set", "steps"], ["sada_gym.foundations.files"]),
     ],
 )
 def test_help_and_misspelt_names_are_light(command, more, tmp_path):
@@ -596,7 +602,7 @@ def test_a_benchmarks_report_is_of_the_suite_that_is_named(given, monkeypatch, t
         asked.append(chosen)
         raise UserError("Expected finished runs.")
 
-    monkeypatch.setattr("sada_gym.benchmark.run.report_benchmark", report)
+    monkeypatch.setattr("sada_gym.board.benchmark.run.report_benchmark", report)
     run("benchmark", "--report", "--out", tmp_path, *given)
     (chosen,) = asked
     suite = find_suite(given[1]) if given else None

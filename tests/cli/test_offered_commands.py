@@ -7,9 +7,9 @@ import shlex
 import pytest
 from typer.testing import CliRunner
 
+from sada_gym.board.results.entry import METADATA_FILE
 from sada_gym.cli import app
-from sada_gym.files import read_toml
-from sada_gym.results.entry import METADATA_FILE
+from sada_gym.foundations.files import read_toml
 
 pytestmark = pytest.mark.long
 

@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from sada_gym import attack
+from sada_gym.analyses.regression.export import export
 from sada_gym.cli import _COMMANDS, app
 from sada_gym.errors import UserError
-from sada_gym.lazy import load
-from sada_gym.regression.export import export
+from sada_gym.foundations.lazy import load
 
 SMALL = ["--budget", "5", "--samples", "3", "--workers", "1"]
 LINES = {

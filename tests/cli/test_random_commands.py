@@ -19,7 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sada_gym.cli import _COMMANDS, _load, app
-from sada_gym.lazy import load
+from sada_gym.foundations.lazy import load
 
 COMMANDS, FILES = 500, 300
 SAMPLE = 15  # of which a part runs with the long tests

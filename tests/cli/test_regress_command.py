@@ -18,11 +18,11 @@ from stable_baselines3 import PPO
 from torch import nn
 from typer.testing import CliRunner
 
+from sada_gym.analyses.regression.export import export
+from sada_gym.analyses.regression.regress import regress
 from sada_gym.cli import app
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import Notice, UserError
-from sada_gym.regression.export import export
-from sada_gym.regression.regress import regress
 
 POLE = """
 environment = "CartPole-v1"

@@ -14,7 +14,7 @@ from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 ANALYTIC = "SADA-Analytic-v0"
 

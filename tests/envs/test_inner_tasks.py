@@ -19,7 +19,7 @@ from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M
 from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
 from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
 from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 
 class Task(NamedTuple):

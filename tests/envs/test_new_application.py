@@ -21,9 +21,9 @@ import gymnasium as gym
 import sada_gym
 from leaderboard import tables
 from sada_gym import attack
-from sada_gym.benchmark.suite import find_suite
-from sada_gym.cards import find_card
-from sada_gym.replay import replay
+from sada_gym.board.benchmark.suite import find_suite
+from sada_gym.foundations.cards import find_card
+from sada_gym.analyses.replay import replay
 
 track = "SADA-Toy-Three-v0"
 assert track in sada_gym.tracks()

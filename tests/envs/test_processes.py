@@ -111,7 +111,7 @@ def test_it_works_in_other_processes(
 @pytest.mark.long
 def test_a_fork_has_one_thread_of_torch_and_its_parent_keeps_its_own() -> None:
     program = (
-        "import os, sys, torch, sada_gym.determinism\n"
+        "import os, sys, torch, sada_gym.foundations.determinism\n"
         "torch.set_num_threads(2)\n"
         "torch.ones(500, 500) @ torch.ones(500, 500)\n"
         "child = os.fork()\n"

@@ -26,12 +26,12 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 import sada_gym
 from sada_gym import envs
 from sada_gym.application import Application, Outcomes
-from sada_gym.cards import APPLICATIONS, ApplicationCard, cards
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.ids import find_spec
-from sada_gym.lazy import load
-from sada_gym.registration import register_environments
+from sada_gym.foundations.cards import APPLICATIONS, ApplicationCard, cards
+from sada_gym.foundations.ids import find_spec
+from sada_gym.foundations.lazy import load
+from sada_gym.foundations.registration import register_environments
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_live_parameters, check_outcomes

@@ -15,8 +15,8 @@ from numpy.testing import assert_array_equal
 import sada_gym
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.registration import task_ids
-from sada_gym.seeds import SEED_BOUND, fold_seed
+from sada_gym.foundations.registration import task_ids
+from sada_gym.foundations.seeds import SEED_BOUND, fold_seed
 
 LARGE = (2**31, 2**32 - 1, 2**32, 2**64, 10**40)
 PINNED = [1577607325, 996212484, 1982462498, 1915600865, 767697750]

@@ -17,8 +17,8 @@ from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetExhausted, UserError
 from sada_gym.evaluation.env import OracleEnv, OracleVectorEnv
 from sada_gym.evaluation.problems import make_application
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 from sada_gym.oracle import Oracle, evaluation_seeds
-from sada_gym.sb3_vec_env import SB3VecEnv
 
 ANALYTIC = "SADA-Analytic-v0"
 MU = np.random.default_rng(0).uniform(-1, 1, (20, 2)).astype(np.float32)

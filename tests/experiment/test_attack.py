@@ -12,7 +12,7 @@ from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunReport
-from sada_gym.files import read_model
+from sada_gym.foundations.files import read_model
 from sada_gym.oracle import evaluation_seeds
 from sada_gym.run.folder import read_samples
 
@@ -253,7 +253,7 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
         (folder / "sheet.png").write_bytes(b"new")
         return (folder / "sheet.png",)
 
-    monkeypatch.setattr("sada_gym.plots.attack.draw_attack", draw)
+    monkeypatch.setattr("sada_gym.analyses.plots.attack.draw_attack", draw)
     reported = []
     result = run(tmp_path, pictures=True, html=False, on_progress=reported.append)
     assert result.diagnosis is not None
@@ -265,7 +265,7 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
 
 
 def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr("sada_gym.progress.LINE_EVERY_S", 0.02)
+    monkeypatch.setattr("sada_gym.experiment.progress.LINE_EVERY_S", 0.02)
     slow = Toy(pause_s=0.002)
     run(tmp_path / "a", slow)
     printed = capfd.readouterr()

@@ -8,12 +8,12 @@ import pytest
 from toy import Toy
 
 from sada_gym import adversaries, attack, diagnose
+from sada_gym.analyses.regression.export import export
+from sada_gym.analyses.regression.regress import regress
+from sada_gym.analyses.replay.video import replay
+from sada_gym.analyses.report.make import report
+from sada_gym.analyses.transfer import transfer
 from sada_gym.errors import Notice
-from sada_gym.regression.export import export
-from sada_gym.regression.regress import regress
-from sada_gym.replay.video import replay
-from sada_gym.report.make import report
-from sada_gym.transfer import transfer
 
 SLOW = {"bbgan", "bbgan-boost", "cma-mae"}
 

@@ -11,11 +11,11 @@ from toy import Greedy, Toy
 from sada_gym import adversaries, attack
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
-from sada_gym.cards import cards, find_card
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment import packages as module
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.packages import in_order, packages
+from sada_gym.foundations.cards import cards, find_card
 
 
 def test_only_what_the_run_loads_counts():

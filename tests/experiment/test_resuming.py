@@ -17,7 +17,7 @@ from sada_gym import attack
 from sada_gym.errors import FileError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.record import RunReport
-from sada_gym.files import read_model
+from sada_gym.foundations.files import read_model
 
 
 def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
@@ -160,7 +160,7 @@ def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("sada_gym.plots.attack.draw_attack", fail)
+        patch.setattr("sada_gym.analyses.plots.attack.draw_attack", fail)
         with pytest.raises(KeyboardInterrupt):
             run(tmp_path, pictures=True)
     assert not list(tmp_path.rglob("*.png"))

@@ -11,7 +11,7 @@ from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.record import RunReport
 from sada_gym.experiment.target import OpenTarget, ReferenceSummary, Target
-from sada_gym.files import read_model
+from sada_gym.foundations.files import read_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import load_reference
 

@@ -8,12 +8,12 @@ from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
 from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
 from leaderboard.pictures import Pictures
-from sada_gym.benchmark.results import results_of
-from sada_gym.benchmark.suite import tables_of
-from sada_gym.cards import find_card
-from sada_gym.results.entry import read_entries
-from sada_gym.results.front import HEIGHT, WIDTH, make_chart
-from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
+from sada_gym.board.benchmark.results import results_of
+from sada_gym.board.benchmark.suite import tables_of
+from sada_gym.board.results.entry import read_entries
+from sada_gym.board.results.front import HEIGHT, WIDTH, make_chart
+from sada_gym.board.results.sheet import Cell, Column, Line, Sheet, text_cell
+from sada_gym.foundations.cards import find_card
 
 
 @pytest.fixture(scope="module")

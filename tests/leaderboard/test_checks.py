@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from made_entries import PACKAGES, make_entry, only_result, replace_result, with_changes
 
-from sada_gym.benchmark.suite import TABLES
+from sada_gym.board.benchmark.suite import TABLES
+from sada_gym.board.results.entry import EntryResult, GroupFiles, write_results
+from sada_gym.board.results.models import Result, SeedResult, Verified
+from sada_gym.board.submission.checks import check_entry, find_outdated
+from sada_gym.board.submission.current import board_tracks, current_experiment
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.adversary import AdversarySpec
-from sada_gym.results.entry import EntryResult, GroupFiles, write_results
-from sada_gym.results.models import Result, SeedResult, Verified
-from sada_gym.submission.checks import check_entry, find_outdated
-from sada_gym.submission.current import board_tracks, current_experiment
 
 
 @pytest.fixture(scope="module")

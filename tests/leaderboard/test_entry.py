@@ -4,14 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.errors import FileError, UserError
-from sada_gym.evaluation.key import ApplicationKey
-from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.adversary import AdversarySpec
-from sada_gym.experiment.measure import measure
-from sada_gym.experiment.record import Experiment, Protocol
-from sada_gym.experiment.target import Target
-from sada_gym.results.entry import (
+from sada_gym.board.results.entry import (
     EntryResult,
     GroupFiles,
     read_entries,
@@ -20,8 +13,15 @@ from sada_gym.results.entry import (
     write_metadata,
     write_results,
 )
-from sada_gym.results.models import EntryMetadata, Result, SeedResult, Verified, entry_name
-from sada_gym.results.samples import read_samples, samples_bytes
+from sada_gym.board.results.models import EntryMetadata, Result, SeedResult, Verified, entry_name
+from sada_gym.board.results.samples import read_samples, samples_bytes
+from sada_gym.errors import FileError, UserError
+from sada_gym.evaluation.key import ApplicationKey
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.measure import measure
+from sada_gym.experiment.record import Experiment, Protocol
+from sada_gym.experiment.target import Target
 
 PLACE = "SADA-Analytic-v0.boxes.paper-budgets"
 OTHER_PLACE = "SADA-Analytic-v0.boxes.equal-queries"

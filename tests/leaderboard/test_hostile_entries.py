@@ -14,9 +14,9 @@ import pytest
 from fuzz_entries import fuzz, mend_claims
 from made_entries import ANALYTIC, make_entry, only_result
 
+from sada_gym.board.results.entry import GroupFiles
+from sada_gym.board.submission.checks import MAX_FILES, check_entry
 from sada_gym.errors import UserError
-from sada_gym.results.entry import GroupFiles
-from sada_gym.submission.checks import MAX_FILES, check_entry
 
 GROUP = "SADA-Analytic"
 PLACE = f"{ANALYTIC}.paper-budgets"

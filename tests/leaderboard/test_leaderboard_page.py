@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sada_gym.board.results.entry import read_entry
+from sada_gym.board.submission.checks import check_entry
 from sada_gym.cli import app
-from sada_gym.results.entry import read_entry
-from sada_gym.submission.checks import check_entry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
 

@@ -13,18 +13,18 @@ from made_entries import ANALYTIC, make_entry, only_result, replace_result, with
 from toy import Greedy, Toy
 
 from sada_gym import attack
-from sada_gym import files as files_module
+from sada_gym.board.results.entry import EntryResult, GroupFiles, write_metadata, write_results
+from sada_gym.board.results.models import Result, SeedResult, Verified
+from sada_gym.board.results.samples import samples_sha256
+from sada_gym.board.submission.checks import check_entry
+from sada_gym.board.submission.current import current_experiment
+from sada_gym.board.submission.submit import make_metadata, submit, submit_samples
 from sada_gym.cli import app
 from sada_gym.errors import UserError
 from sada_gym.experiment.record import RunReport
-from sada_gym.files import read_model
-from sada_gym.results.entry import EntryResult, GroupFiles, write_metadata, write_results
-from sada_gym.results.models import Result, SeedResult, Verified
-from sada_gym.results.samples import samples_sha256
+from sada_gym.foundations import files as files_module
+from sada_gym.foundations.files import read_model
 from sada_gym.run.folder import read_samples, write_samples
-from sada_gym.submission.checks import check_entry
-from sada_gym.submission.current import current_experiment
-from sada_gym.submission.submit import make_metadata, submit, submit_samples
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,7 +119,7 @@ def test_what_joins_an_entry_keeps_its_limits(runs, tmp_path, monkeypatch):
     submit(runs, ME, out=tmp_path)
     before = snapshot(tmp_path)
     size = sum(map(len, before.values()))
-    monkeypatch.setattr("sada_gym.submission.checks.MAX_ENTRY_BYTES", size + 1_000)
+    monkeypatch.setattr("sada_gym.board.submission.checks.MAX_ENTRY_BYTES", size + 1_000)
     with pytest.raises(UserError, match=r"Expected at most 0 MiB in .*mine, got 0 MiB"):
         submit(runs[:1], ME, rule="equal-queries", out=tmp_path)
     assert snapshot(tmp_path) == before
@@ -186,7 +186,7 @@ def test_killed_at_any_moment_it_ends_with_the_same_bytes(runs, tmp_path, monkey
         with monkeypatch.context() as patch:
             patch.setattr(module, name, killing)
             if module is files_module:
-                patch.setattr("sada_gym.results.entry.write_file", killing)
+                patch.setattr("sada_gym.board.results.entry.write_file", killing)
             try:
                 do(out)
             except KeyboardInterrupt:
@@ -370,7 +370,7 @@ def test_a_class_of_ones_own_takes_part(tmp_path):
 
 def test_what_is_wrong_shows_before_anything_is_evaluated(tmp_path, monkeypatch):
     submit_samples([MU], ME, **UNIFORM, out=tmp_path)
-    monkeypatch.setattr("sada_gym.submission.submit._evaluate", None)
+    monkeypatch.setattr("sada_gym.board.submission.submit._evaluate", None)
     for metadata, changes, said in (
         (ME, {}, "Expected a new result"),
         (ME, {"adversary": "other", "rule": "equal-queries"}, "of one adversary with one set"),

@@ -17,11 +17,11 @@ from leaderboard.tables import (
     results_of_suite,
     robustness,
 )
-from sada_gym.benchmark.report.tables import TABLE_FILE, write_tables
-from sada_gym.benchmark.suite import ADVERSARIES, find_suite
-from sada_gym.benchmark.suite import SUITES as SUITES_OF_ALL
-from sada_gym.results.entry import read_entries
-from sada_gym.submission.checks import check_entry, find_outdated
+from sada_gym.board.benchmark.report.tables import TABLE_FILE, write_tables
+from sada_gym.board.benchmark.suite import ADVERSARIES, find_suite
+from sada_gym.board.benchmark.suite import SUITES as SUITES_OF_ALL
+from sada_gym.board.results.entry import read_entries
+from sada_gym.board.submission.checks import check_entry, find_outdated
 
 
 @pytest.fixture(scope="module")

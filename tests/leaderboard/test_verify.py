@@ -22,16 +22,16 @@ from typer.testing import CliRunner
 
 from leaderboard.verify import app
 from sada_gym import adversaries
+from sada_gym.board.results.entry import EntryResult, GroupFiles, read_entry
+from sada_gym.board.results.models import Result
+from sada_gym.board.results.samples import samples_bytes
+from sada_gym.board.submission.current import current_target
+from sada_gym.board.submission.verification import fresh_seeds, verify
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.ideal import Ideal
-from sada_gym.results.entry import EntryResult, GroupFiles, read_entry
-from sada_gym.results.models import Result
-from sada_gym.results.samples import samples_bytes
-from sada_gym.submission.current import current_target
-from sada_gym.submission.verification import fresh_seeds, verify
 
 ROOT = Path(__file__).parents[2]
 DIGITS, DIGIT_5 = "SADA-Digits-0-v0", "SADA-Digits-5-v0"

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from toy import Blind, Toy
 
+from sada_gym.analyses.plots.novelty import novelty_sheet
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.measures.novelty import image_neighbours, novelty, relative_novelty
-from sada_gym.plots.novelty import novelty_sheet
 
 
 @pytest.fixture

@@ -7,9 +7,10 @@ import torch
 from families import family
 
 from sada_gym import agents
-from sada_gym.cards import find_card
 from sada_gym.errors import FileError
 from sada_gym.evaluation.problems import make_application
+from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.registration import tracks
 from sada_gym.measures.reference import (
     INDEX,
     load_reference,
@@ -18,7 +19,6 @@ from sada_gym.measures.reference import (
     reference_seeds,
     write_reference,
 )
-from sada_gym.registration import tracks
 
 TRACK = "SADA-Analytic-v0"
 POINTS, SEEDS = 300, 4

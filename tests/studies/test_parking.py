@@ -9,7 +9,7 @@ import pytest
 from highway_env.envs.parking_env import ParkingEnv
 from stable_baselines3 import SAC
 
-from sada_gym.determinism import one_thread
+from sada_gym.foundations.determinism import one_thread
 from studies import parking as study
 from studies import parking_searches as searches
 from studies.training.parking import train as training

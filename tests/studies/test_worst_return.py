@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from sada_gym.determinism import one_thread
+from sada_gym.foundations.determinism import one_thread
 from studies import worst_return as study
 from studies.agents import FOLDER
 from studies.training import hopper as training

@@ -13,17 +13,17 @@ from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
-from sada_gym.benchmark.folder import read_costs
-from sada_gym.benchmark.progress import BenchmarkCallback
-from sada_gym.benchmark.suite import Budget, Suite, Table
+from sada_gym.board.benchmark.folder import read_costs
+from sada_gym.board.benchmark.progress import BenchmarkCallback
+from sada_gym.board.benchmark.suite import Budget, Suite, Table
+from sada_gym.board.results.entry import read_entries
+from sada_gym.board.results.models import entry_name
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.record import place_of
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
-from sada_gym.results.entry import read_entries
-from sada_gym.results.models import entry_name
 
 ANALYTIC = "SADA-Analytic-v0"
 LOGGED = "bench_toys:Logged-v0"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from registry_cases import case_of
 
-from sada_gym.cards import cards
+from sada_gym.foundations.cards import cards
 
 SHIPPED = tuple(
     card.track_id(suffix) if (suffix := case_of(card.name).shipped_on or card.same_as) else card.id

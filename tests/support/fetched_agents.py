@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from sada_gym import agents, fetch
-from sada_gym.cards import fetchable
+from sada_gym import agents
+from sada_gym.foundations import fetch
+from sada_gym.foundations.cards import fetchable
 
 
 def fetched_agent(name: str, package: str | None, folder: Path) -> Iterator[Any]:

@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from made_entries import make_entry
 
+from sada_gym.board.results.entry import read_entry
+from sada_gym.board.submission.checks import check_entry
 from sada_gym.errors import UserError
 from sada_gym.experiment.record import place_of, slug
-from sada_gym.results.entry import read_entry
-from sada_gym.submission.checks import check_entry
 
 Rng = np.random.Generator
 SLOW_S = 5.0

@@ -3,8 +3,8 @@
 import numpy as np
 
 from sada_gym.application import Application, Scored
-from sada_gym.behaviour import Behaviour
-from sada_gym.frames import LegendEntry
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.frames import LegendEntry
 from sada_gym.parameters import Parameter, ParameterSpace
 
 TAG = "</script><script>alert(1)</script>"

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.cards import find_card
+from sada_gym.board.results.entry import EntryResult, write_metadata, write_results
+from sada_gym.board.results.models import EntryMetadata, Result, SeedResult, Verified, VerifiedSeed
+from sada_gym.board.submission.current import current_experiment, current_target
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.measure import Measures, measure
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.results.entry import EntryResult, write_metadata, write_results
-from sada_gym.results.models import EntryMetadata, Result, SeedResult, Verified, VerifiedSeed
-from sada_gym.submission.current import current_experiment, current_target
+from sada_gym.foundations.cards import find_card
 
 DIGITS = ("SADA-Digits-3-v0", "SADA-Digits-4-v0")
 RACING = tuple(f"SADA-UAV-{n}Anchors-v0" for n in (3, 4, 5))

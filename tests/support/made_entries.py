@@ -9,6 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.board.results.entry import (
+    EntryResult,
+    GroupFiles,
+    read_entry,
+    write_metadata,
+    write_results,
+)
+from sada_gym.board.results.models import EntryMetadata, Result, SeedResult
+from sada_gym.board.submission.current import current_experiment, current_target
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec
@@ -16,15 +25,6 @@ from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import measure
 from sada_gym.experiment.record import Experiment
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.results.entry import (
-    EntryResult,
-    GroupFiles,
-    read_entry,
-    write_metadata,
-    write_results,
-)
-from sada_gym.results.models import EntryMetadata, Result, SeedResult
-from sada_gym.submission.current import current_experiment, current_target
 
 ANALYTIC = "SADA-Analytic-v0"
 PACKAGES = {"python": "3.11.2", "sada_gym": "0.1.0", "numpy": "2.0.0"}

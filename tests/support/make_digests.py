@@ -1,4 +1,4 @@
-"""Makes the digests of small attacks anew, one attack a track; `tests/test_arithmetic.py` has them.
+"""Makes the digests of small attacks, one a track; `tests/foundations/test_arithmetic.py` has them.
 
     python tests/support/make_digests.py [TRACK ...]
 

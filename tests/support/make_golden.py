@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from made_entries import change_samples, make_entry, uniform
 
+from sada_gym.board.submission.verification import verify
 from sada_gym.evaluations import Evaluations
-from sada_gym.submission.verification import verify
 
 GOLDEN = Path(__file__).parents[1] / "leaderboard" / "golden"
 NONCE = "golden"

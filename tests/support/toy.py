@@ -16,7 +16,7 @@ from typing_extensions import Self
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.application import Application, Scored
 from sada_gym.envs.adversary import AdversaryEnv
-from sada_gym.frames import Frame
+from sada_gym.foundations.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 

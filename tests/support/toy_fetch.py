@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sada_gym.cards import FetchedAgent
+from sada_gym.foundations.cards import FetchedAgent
 
 FILES = {"package/models/toy.json": b'{"k": 1}', "package/models/toy.bin": b"weights" * 99}
 
@@ -57,5 +57,5 @@ def pack(path: Path, files: dict[str, bytes]) -> Path:
 
 def offer(monkeypatch: pytest.MonkeyPatch, agent: FetchedAgent = TOY) -> None:
     """Let the toy be what can be fetched for every application."""
-    for module in ("sada_gym.cards", "sada_gym.fetch", "sada_gym.agents"):
+    for module in ("sada_gym.foundations.cards", "sada_gym.foundations.fetch", "sada_gym.agents"):
         monkeypatch.setattr(f"{module}.fetchable", lambda application=None: {agent.name: agent})

@@ -26,7 +26,7 @@ from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, p
 from sada_gym.agents.remote.spaces import Array, describe
 from sada_gym.agents.tile import Batch, keyed, sampled
 from sada_gym.errors import AgentLost, UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 Answer = TypeVar("Answer", Welcome, Actions)
 

@@ -24,7 +24,7 @@ from safetensors.numpy import load
 from sada_gym.agents.remote.spaces import NAMES, Array, Described, Name
 from sada_gym.agents.tile import ALONE
 from sada_gym.errors import UserError
-from sada_gym.files import Strict, first_error, shown
+from sada_gym.foundations.files import Strict, first_error, shown
 
 PROTOCOL: Final = 2
 CONNECT = "SADA_GYM_CONNECT"

@@ -20,7 +20,7 @@ from typing import Any, cast
 from sada_gym.agents.remote import keeper
 from sada_gym.agents.remote.messages import CONNECT, CONNECT_UNIX, Channel
 from sada_gym.errors import UserError, UserTypeError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOOK_EACH_S = 0.2

@@ -40,8 +40,8 @@ from sada_gym.agents.remote.messages import (
 from sada_gym.agents.remote.spaces import DTYPES, Array
 from sada_gym.agents.tile import ALONE, Batch, keyed
 from sada_gym.errors import UserError, check_integer, described
-from sada_gym.files import first_error, shown
-from sada_gym.lazy import load
+from sada_gym.foundations.files import first_error, shown
+from sada_gym.foundations.lazy import load
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize

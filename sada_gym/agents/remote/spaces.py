@@ -12,7 +12,7 @@ from gymnasium import spaces
 from pydantic import Field, ValidationError, model_validator
 
 from sada_gym.errors import UserError
-from sada_gym.files import OneLine, Strict, first_error, shown
+from sada_gym.foundations.files import OneLine, Strict, first_error, shown
 
 MAX_SPACE_BYTES = 2**24
 """The limit of one observation: a server keeps several arrays of this size for a connection."""

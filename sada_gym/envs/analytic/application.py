@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Application, Scored
-from sada_gym.arrays import Floats, Integers
-from sada_gym.behaviour import Behaviour
+from sada_gym.application import Application, Scored, validate_world
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.foundations.arrays import Floats, Integers
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
-from sada_gym.seeds import validate_world
 
 _AT_ONCE = 2**24
 """Numbers held in memory while distances are computed."""

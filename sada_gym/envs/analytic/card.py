@@ -1,6 +1,6 @@
 """The card of the analytic application."""
 
-from sada_gym.cards import ApplicationCard
+from sada_gym.foundations.cards import ApplicationCard
 
 CARD = ApplicationCard(
     name="SADA-Analytic",

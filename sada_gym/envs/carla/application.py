@@ -11,18 +11,18 @@ import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.application import INVALID_SCORE, Application, Scored
-from sada_gym.arrays import Floats, Floats32
-from sada_gym.behaviour import Behaviour, listed_events
+from sada_gym.application import INVALID_SCORE, Application, Scored, validate_world
 from sada_gym.envs.carla.connection import STEP_S, Servers, Session, client_library, session
 from sada_gym.envs.carla.drive import Drive, DriveStart
 from sada_gym.envs.carla.drivers import AUTOPILOT, Autopilot, as_driver
 from sada_gym.envs.carla.routes import ROUTES, TASKS, Route, find_routes
 from sada_gym.envs.episodes.rollout import play
 from sada_gym.errors import InvalidWorld, UserTypeError, check_integer, check_known
-from sada_gym.frames import Frame
+from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.behaviour import Behaviour, listed_events
+from sada_gym.foundations.frames import Frame
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.seeds import validate_seeds, validate_world
 
 PRESETS = (
     *("ClearNoon", "WetNoon", "HardRainNoon", "ClearSunset"),

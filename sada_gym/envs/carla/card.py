@@ -1,6 +1,6 @@
 """The card of self-driving in CARLA."""
 
-from sada_gym.cards import ApplicationCard
+from sada_gym.foundations.cards import ApplicationCard
 
 CARD = ApplicationCard(
     name="SADA-DrivingCarla",

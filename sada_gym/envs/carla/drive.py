@@ -12,11 +12,11 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.envs.carla.connection import STEP_S, Session
 from sada_gym.envs.carla.routes import COMMANDS, STEP_M, Route
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.errors import InvalidWorld, UserError
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
 
 PICTURE_ROWS, PICTURE_COLUMNS = 88, 200
 OBSERVATION_SPACE = spaces.Dict(

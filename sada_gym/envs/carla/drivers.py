@@ -12,10 +12,10 @@ from sada_gym import agents
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.agents.functions import agent_of
-from sada_gym.arrays import Floats
-from sada_gym.determinism import one_thread
 from sada_gym.envs.carla.drive import ACTION_SPACE, OBSERVATION_SPACE, Drive
 from sada_gym.errors import UserError, explained
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.determinism import one_thread
 
 AUTOPILOT = "autopilot"
 _FOLLOW_OF_CIL = 2

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.arrays import Floats
 from sada_gym.errors import UserError, check_known
+from sada_gym.foundations.arrays import Floats
 
 COMMANDS = ("follow", "left", "right", "straight")
 """What a driver is told at junctions, in the order of the observation's `command`."""

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import identity_of
-from sada_gym.application import Application, Scored
-from sada_gym.behaviour import Behaviour
+from sada_gym.application import Application, Scored, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.behaviour import behaviour
 from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
@@ -42,9 +41,10 @@ from sada_gym.envs.detection.shapes import fingerprint
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes, is_named
 from sada_gym.errors import UserError, check_integer, check_known
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.frames import Frame, LegendEntry
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_seeds, validate_world
 
 MAX_IMAGE_SIZE = 4_096
 """Pixels a side of the largest picture: its samples take 2 GB."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.behaviour import Behaviour
+from sada_gym.foundations.behaviour import Behaviour
 
 _OVERLAP = 0.5
 """The least intersection over union of the object's box and that of a detection in its place."""

@@ -1,6 +1,6 @@
 """The card of object detection."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, FetchedAgent, SuiteCard
+from sada_gym.foundations.cards import AgentCard, ApplicationCard, FetchedAgent, SuiteCard
 
 _SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",

@@ -15,7 +15,7 @@ from sada_gym.agents.tile import Batch, tiled
 from sada_gym.envs.checks import check_evaluation_mode, check_tile
 from sada_gym.envs.detection.answers import CONVENTION, KEYS, check_numbers, validate_answers
 from sada_gym.errors import explained
-from sada_gym.frames import Frame
+from sada_gym.foundations.frames import Frame
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import dashed, dashed_box, font
 from sada_gym.envs.detection.detector import Detections
 from sada_gym.envs.detection.renderers import Rendering
-from sada_gym.frames import ORANGE, SKY, Frame, LegendEntry, rgb
+from sada_gym.foundations.drawing import dashed, dashed_box, font
+from sada_gym.foundations.frames import ORANGE, SKY, Frame, LegendEntry, rgb
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sada_gym.cards import ApplicationCard, SuiteCard
 from sada_gym.envs.detection.card import CARD as DETECTION
+from sada_gym.foundations.cards import ApplicationCard, SuiteCard
 
 
 def _track(object_class: str, *models: str, **keywords: Any) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
 from sada_gym.errors import UserError, UserTypeError, check_known
+from sada_gym.foundations.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 NAMES = ("rotation_deg", "scale", "shear", "shift_px", "contrast", "stroke")

@@ -13,18 +13,17 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import identity_of
-from sada_gym.application import Application, Scored
-from sada_gym.arrays import Floats, Floats32, Indices, Integers
-from sada_gym.behaviour import Behaviour
+from sada_gym.application import Application, Scored, validate_world
 from sada_gym.envs.digits.behaviour import behaviour
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
 from sada_gym.envs.digits.images import test_images, validate_images
 from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
-from sada_gym.frames import Frame, LegendEntry
+from sada_gym.foundations.arrays import Floats, Floats32, Indices, Integers
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_world
 
 _PIXELS_AT_ONCE = 2**18
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sada_gym.behaviour import Behaviour
+from sada_gym.foundations.behaviour import Behaviour
 
 
 def behaviour(info: Mapping[str, Any]) -> Behaviour:

@@ -1,6 +1,6 @@
 """The card of the digits."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import AgentCard, ApplicationCard, SuiteCard
 
 CNN = AgentCard(
     "cnn",

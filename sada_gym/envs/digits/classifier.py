@@ -10,9 +10,9 @@ import numpy as np
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
-from sada_gym.arrays import Floats, Floats32
 from sada_gym.envs.checks import check_evaluation_mode, check_tile
 from sada_gym.errors import UserError, UserTypeError, explained
+from sada_gym.foundations.arrays import Floats, Floats32
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sada_gym.arrays import Bytes, Floats, Floats32
-from sada_gym.drawing import dashed, font
-from sada_gym.frames import GREEN, VERMILLION, LegendEntry, rgb
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32
+from sada_gym.foundations.drawing import dashed, font
+from sada_gym.foundations.frames import GREEN, VERMILLION, LegendEntry, rgb
 
 SIDE = 160
 """Pixels a side of an enlarged image, at least."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.arrays import Floats32, Indices, Integers, as_array
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.foundations.arrays import Floats32, Indices, Integers, as_array
 
 TEST_EVERY = 4
 """Every fourth image of each digit, in the data set's order, is a test image."""

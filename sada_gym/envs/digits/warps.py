@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Floats32, Indices
+from sada_gym.foundations.arrays import Floats, Floats32, Indices
 
 Images = Floats32  # (n, height, width) in [0, 1]
 Values = Floats  # (n, height, width)

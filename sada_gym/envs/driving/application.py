@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from sada_gym.application import Scored
-from sada_gym.arrays import Floats32
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.errors import UserTypeError
+from sada_gym.foundations.arrays import Floats32
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 

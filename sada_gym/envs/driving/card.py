@@ -1,6 +1,6 @@
 """The card of self-driving."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Driving",

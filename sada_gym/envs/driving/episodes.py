@@ -12,7 +12,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, TownCamera
 from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, Route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
@@ -24,6 +23,7 @@ from sada_gym.envs.driving.world.vehicle import (
     locate,
 )
 from sada_gym.envs.episodes.base import Episodes
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
 
 SIMULATION_HZ = 15
 POLICY_HZ = 5

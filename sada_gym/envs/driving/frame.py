@@ -9,8 +9,6 @@ from functools import cache, lru_cache
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sada_gym.arrays import Floats, Floats32
-from sada_gym.drawing import INK_RGB, caption, cross, dashed, font, inset, stacked
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingStart
@@ -18,7 +16,9 @@ from sada_gym.envs.driving.world.route import COMMANDS, LAYOUT
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
-from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
+from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.drawing import INK_RGB, caption, cross, dashed, font, inset, stacked
+from sada_gym.foundations.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
 
 _LENS, _FILM_LENS = Lens(198, 450), Lens(270, 480)
 _INSET = 170

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools, Floats
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.world.route import CRUISE_M_S
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.lockstep import SAME_STEP
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.lockstep import SAME_STEP
 
 ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0
 

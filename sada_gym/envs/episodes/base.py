@@ -11,8 +11,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
 
 StartT = TypeVar("StartT")
 

@@ -17,16 +17,16 @@ from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Application, isolated_rng
-from sada_gym.arrays import Floats
-from sada_gym.behaviour import Behaviour
-from sada_gym.drawing import caption, stacked
+from sada_gym.application import Application, isolated_rng, validate_world
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
-from sada_gym.frames import Frame, LegendEntry, Take
-from sada_gym.lazy import load
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.drawing import caption, stacked
+from sada_gym.foundations.frames import Frame, LegendEntry, Take
+from sada_gym.foundations.lazy import load
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_seeds, validate_world
 
 AgentLike: TypeAlias = str | Path | Predictor | Agent[Any, npt.NDArray[Any]]
 """A shipped agent's name, a file of weights, a model, or an agent as it is."""

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.tile import Batch
-from sada_gym.determinism import single_threaded
 from sada_gym.envs.episodes.base import Episodes, StartT
+from sada_gym.foundations.determinism import single_threaded
 
 EpisodesT = TypeVar("EpisodesT", bound=Episodes[Any])
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.foundations.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 RADIUS = 0.15

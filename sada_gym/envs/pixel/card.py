@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from sada_gym.cards import ApplicationCard
 from sada_gym.envs.digits.card import CNN, LOADER
+from sada_gym.foundations.cards import ApplicationCard
 
 CARD = ApplicationCard(
     name="SADA-Pixel",

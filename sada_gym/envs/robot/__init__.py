@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from sada_gym.lazy import lazy_names
+from sada_gym.foundations.lazy import lazy_names
 
 if TYPE_CHECKING:
     from sada_gym.envs.robot.application import RobotApplication

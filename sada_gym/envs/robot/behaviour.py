@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.behaviour import Behaviour, listed_events
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.behaviour import Behaviour, listed_events
 
 
 def behaviour(episodes: RobotEpisodes, rows: Sequence[int]) -> Behaviour:

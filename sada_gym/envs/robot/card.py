@@ -1,6 +1,6 @@
 """The card of the robot."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Robot",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from sada_gym.arrays import Floats32
 from sada_gym.envs.checks import bounded, check_bounds
+from sada_gym.foundations.arrays import Floats32
 from sada_gym.parameters import Parameter, ParameterSpace
 
 _BARRELS_PER_DENSITY = 8

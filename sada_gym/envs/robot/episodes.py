@@ -11,7 +11,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.bodies import Bodies
@@ -21,6 +20,7 @@ from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.lidar import RAYS, SCANS, SECTORS, nearest, scan
 from sada_gym.envs.robot.world.robot import axle_to_mass, delayed_rims, velocities
 from sada_gym.envs.robot.world.way import STATES, fill_state, locate
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
 
 SUBSTEPS = 5
 STEP_S = 1 / (POLICY_HZ * SUBSTEPS)

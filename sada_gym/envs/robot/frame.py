@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, beside, caption, cross, font, ring, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
-from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.drawing import INK_RGB, beside, caption, cross, font, ring, stacked
+from sada_gym.foundations.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
 
 WIDTH = 700
 """The width of a map in pixels."""

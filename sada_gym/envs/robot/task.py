@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools, Floats
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.conditions import PARAMETERS
@@ -19,7 +18,8 @@ from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 from sada_gym.errors import check_known
-from sada_gym.lockstep import SAME_STEP
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.lockstep import SAME_STEP
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 

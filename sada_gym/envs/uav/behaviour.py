@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.behaviour import MOST_NAMED, Behaviour
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.episodes import GATE_LIMIT_S, RacingEpisodes, RacingStart
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.behaviour import MOST_NAMED, Behaviour
 
 _REACH_M = 0.3
 

@@ -1,6 +1,6 @@
 """The card of UAV racing."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-UAV",

@@ -6,15 +6,15 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
-from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, font
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of
 from sada_gym.envs.uav.world.gates import TOP_M
 from sada_gym.envs.uav.world.referee import GateOutcome
-from sada_gym.frames import YELLOW, rgb
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.drawing import INK_RGB, font
+from sada_gym.foundations.frames import YELLOW, rgb
 
 _BEHIND_M, _ABOVE_M, _DOWN_DEG = 1.5, 0.5, 12.0
 """Where the camera follows the drone, and by how much it looks down."""

@@ -18,7 +18,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.world.drone import (
@@ -39,6 +38,7 @@ from sada_gym.envs.uav.world.referee import (
     orders,
 )
 from sada_gym.envs.uav.world.track import Tracks
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
 
 POLICY_HZ = 20
 REPLAY_HZ = 10

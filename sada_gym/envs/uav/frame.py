@@ -10,8 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.chase import from_behind
@@ -20,7 +18,18 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
-from sada_gym.frames import BLUE, GREEN, INK, VERMILLION, Colour, Frame, LegendEntry, rgb
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
+from sada_gym.foundations.frames import (
+    BLUE,
+    GREEN,
+    INK,
+    VERMILLION,
+    Colour,
+    Frame,
+    LegendEntry,
+    rgb,
+)
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools, Floats, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
-from sada_gym.lockstep import SAME_STEP
+from sada_gym.foundations.arrays import Bools, Floats, Indices
+from sada_gym.foundations.lockstep import SAME_STEP
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0
 

@@ -18,7 +18,6 @@ from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.application import OnError, check_declared
-from sada_gym.arrays import Floats32
 from sada_gym.densities import WorldDensity
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
@@ -39,7 +38,8 @@ from sada_gym.errors import (
     check_plain,
     plain,
 )
-from sada_gym.lazy import load
+from sada_gym.foundations.arrays import Floats32
+from sada_gym.foundations.lazy import load
 from sada_gym.parameters import ParameterSpace
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.behaviour import MOST_NAMED, Behaviour, Plain, listed_events, plain_values
 from sada_gym.envs.wrapped.episodes import RunningEpisode
 from sada_gym.evaluations import fools
-from sada_gym.parameters import number
+from sada_gym.foundations.behaviour import MOST_NAMED, Behaviour, Plain, listed_events, plain_values
+from sada_gym.foundations.figures import number
 
 _GOOD = ("is_success", "success", "TimeLimit.truncated")
 """What an info may say to be true where nothing went wrong."""

@@ -13,7 +13,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sada_gym.arrays import as_array
 from sada_gym.densities import Density
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
@@ -34,6 +33,7 @@ from sada_gym.errors import (
     explained,
     plain,
 )
+from sada_gym.foundations.arrays import as_array
 from sada_gym.parameters import Parameter
 
 _ALL = ", or all by [:] at its end"

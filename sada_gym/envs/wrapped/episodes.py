@@ -18,8 +18,6 @@ from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch, as_batch
 from sada_gym.application import OnError
-from sada_gym.arrays import Bytes, Floats, Indices
-from sada_gym.environment_variables import environment_variables
 from sada_gym.envs.checks import has_nan
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
@@ -31,8 +29,10 @@ from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, broken_world, explained
 from sada_gym.evaluation import watch
-from sada_gym.files import shown
-from sada_gym.frames import as_frame
+from sada_gym.foundations.arrays import Bytes, Floats, Indices
+from sada_gym.foundations.environment_variables import environment_variables
+from sada_gym.foundations.files import shown
+from sada_gym.foundations.frames import as_frame
 
 MEMORY_BYTES = 2**28
 """The memory that the environments of worlds played at once may take."""

@@ -14,7 +14,7 @@ from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
 from sada_gym.errors import UserError, UserTypeError, broken_world, check_known, described
-from sada_gym.ids import find_spec, receive_spec, sent_spec
+from sada_gym.foundations.ids import find_spec, receive_spec, sent_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
 """An environment's id, `module:id`, or a function that makes one."""

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.disturbances import Disturbance, Env, EpisodeWrapper, Generator
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.paths import MISSING, read
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_known
+from sada_gym.foundations.arrays import Floats
 
 _MAIN_BODIES = ("lander", "hull", "car.hull")
 """Where Gymnasium's Box2D environments keep their main body."""

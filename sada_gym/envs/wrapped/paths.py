@@ -13,10 +13,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sada_gym.arrays import Bools
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import InvalidWorld, UserError, explained
+from sada_gym.foundations.arrays import Bools
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _ENTRY = re.compile(r"""\[(?:"([^"]*)"|'([^']*)'|([^\]\["']*))\]""")

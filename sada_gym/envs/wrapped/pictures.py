@@ -11,17 +11,17 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import DependencyNotInstalled
 
-from sada_gym.application import INVALID_SCORE
-from sada_gym.drawing import stamped
+from sada_gym.application import INVALID_SCORE, validate_world
 from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.episodes import GymnasiumEpisodes
 from sada_gym.envs.wrapped.inspection import Inspection
 from sada_gym.envs.wrapped.playing import EpisodePlayer
 from sada_gym.errors import Notice
 from sada_gym.evaluations import fools
-from sada_gym.frames import Frame, LegendEntry, Take
-from sada_gym.parameters import Mu, number
-from sada_gym.seeds import validate_world
+from sada_gym.foundations.drawing import stamped
+from sada_gym.foundations.figures import number
+from sada_gym.foundations.frames import Frame, LegendEntry, Take
+from sada_gym.parameters import Mu
 
 
 class EpisodePictures(EpisodePlayer):

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
-from sada_gym.arrays import Bytes, Floats
-from sada_gym.compiled import inlined, kernel
+from sada_gym.foundations.arrays import Bytes, Floats
+from sada_gym.foundations.compiled import inlined, kernel
 
 _MOST, _CELLS, _DIVIDED = 255, 2**16, -(2**15)
 _U = np.uint64

@@ -13,10 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
-from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng
-from sada_gym.arrays import Floats
-from sada_gym.behaviour import Behaviour
-from sada_gym.determinism import check_deterministic, same_answer, single_threaded
+from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng, validate_world
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import play
 from sada_gym.envs.wrapped.behaviour import behaviour
@@ -35,8 +32,11 @@ from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
 from sada_gym.envs.wrapped.scores import Length
 from sada_gym.errors import plain
 from sada_gym.evaluation.watch import is_watched, world_key
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.behaviour import Behaviour
+from sada_gym.foundations.determinism import check_deterministic, same_answer, single_threaded
+from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_seeds, validate_world
 
 _MANY = 40
 _FEW_CLIPPED = 0.05

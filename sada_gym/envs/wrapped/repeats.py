@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
-from sada_gym.determinism import same_answer
 from sada_gym.envs.wrapped.episodes import GymnasiumEpisodes
 from sada_gym.errors import UserError
+from sada_gym.foundations.determinism import same_answer
 
 
 class Traces(NamedTuple):

@@ -23,7 +23,6 @@ import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
 from sada_gym.agents.remote.places import place_of
-from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.bindings import Attribute, Config, Keyword, ParameterBinding
@@ -33,6 +32,7 @@ from sada_gym.envs.wrapped.paths import read
 from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
 from sada_gym.envs.wrapped.toml import KINDS, agent_of, find_modules_in
 from sada_gym.errors import FileError, UserError, explained
+from sada_gym.foundations.determinism import generators_kept, one_thread
 
 EPISODES = 20
 """Nominal episodes of the agent, and as many of random actions, that a guess rests on."""

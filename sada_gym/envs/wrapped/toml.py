@@ -24,7 +24,7 @@ from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import UserError, UserTypeError, check_known, described
-from sada_gym.files import as_path, read_toml
+from sada_gym.foundations.files import as_path, read_toml
 
 KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
     re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower(): kind

@@ -19,9 +19,9 @@ import torch
 from torch.nn import functional
 
 from sada_gym.agents.weights import save_weights
-from sada_gym.determinism import one_thread
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
 from sada_gym.envs.digits.images import LabelledImages
+from sada_gym.foundations.determinism import one_thread
 from studies.training.common import ModelCard
 from studies.training.digits.data import batches, training_images
 from studies.training.digits.evaluate import SAMPLES, accuracy, measure, table

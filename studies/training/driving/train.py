@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from stable_baselines3 import PPO
 
-from sada_gym.determinism import one_thread
 from sada_gym.envs.driving.agent.network import save
 from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Imitation, Recipe, Reinforcement, Script
 from studies.training.driving.evaluate import measure, table
 from studies.training.driving.imitation import imitate

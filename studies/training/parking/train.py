@@ -22,7 +22,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sada_gym.determinism import generators_kept, one_thread
+from sada_gym.foundations.determinism import generators_kept, one_thread
 from sada_gym.measures.rates import wilson_interval
 from studies.agents import FOLDER
 from studies.training.common import ModelCard, parse_only_recipe

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from stable_baselines3 import PPO
 
-from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.agent.network import new_model, save
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
+from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Recipe, Reinforcement, Report, Script, learn, new_learner
 from studies.training.robot.evaluate import measure, table
 from studies.training.robot.recipe import RECIPES

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from stable_baselines3 import PPO
 
-from sada_gym.determinism import one_thread
 from sada_gym.envs.uav.agent.network import WaypointNetwork, save
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Imitation, Recipe, Reinforcement, Script
 from studies.training.uav.evaluate import NEAR, measure, table
 from studies.training.uav.imitation import imitate

@@ -5,8 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from sada_gym.cards import find_card
-from sada_gym.submission.current import board_tracks
+from sada_gym.board.submission.current import board_tracks
+from sada_gym.foundations.cards import find_card
 
 CARD = find_card("SADA-DrivingCarla")
 

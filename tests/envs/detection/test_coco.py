@@ -12,12 +12,13 @@ import torch
 from fetched_agents import fetched_agent
 from plain_graph import PlainGraph
 
-from sada_gym import fetch, make_application
+from sada_gym import make_application
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.coco import COCO_CLASSES, with_our_names
 from sada_gym.envs.detection.detector import TOP_DETECTIONS, DetectorAgent
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.errors import UserError
+from sada_gym.foundations import fetch
 
 PACKAGE = os.environ.get("SADA_GYM_COCO")
 NAME = "coco-centernet"

@@ -6,11 +6,11 @@ import torch
 from torch.nn import functional
 
 from sada_gym import agents
-from sada_gym.cards import cards
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector, iou, peaks, unique
 from sada_gym.envs.detection.detector import DETECTOR_TILE, DetectorAgent
 from sada_gym.envs.detection.shapes import CLASSES
+from sada_gym.foundations.cards import cards
 
 
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))

@@ -15,12 +15,13 @@ from fetched_agents import fetched_agent
 from sklearn.datasets import load_sample_image
 from torch.nn import functional
 
-from sada_gym import fetch, make_application
+from sada_gym import make_application
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.imagenet import SYNONYMS, convert
 from sada_gym.envs.detection.detector import DetectorAgent
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.errors import FileError, UserError
+from sada_gym.foundations import fetch
 
 PACKAGE = os.environ.get("SADA_GYM_LITE0")
 NAME = "efficientnet-lite0"

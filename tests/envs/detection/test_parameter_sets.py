@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from sada_gym import attack
+from sada_gym.analyses.transfer import confirm
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.errors import UserError
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.target import Target
-from sada_gym.transfer import confirm
 
 ID = "SADA-Detection-v0"
 CAR = DetectionApplication("car")

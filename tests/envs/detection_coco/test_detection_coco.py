@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sada_gym.cards import find_card
 from sada_gym.cli import app
 from sada_gym.errors import FileError
 from sada_gym.evaluation.problems import make_application
-from sada_gym.registration import env_ids, tracks
+from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.registration import env_ids, tracks
 
 CARD = find_card("SADA-DetectionCoco")
 CAR = "SADA-DetectionCoco-Car-v0"

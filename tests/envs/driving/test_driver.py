@@ -26,7 +26,7 @@ from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, DrivingEpisodes
 from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.task import DrivingTaskEnv
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 from studies.training.driving.privileged import PrivilegedDriver
 
 SMALL = {

@@ -12,7 +12,7 @@ from sada_gym.envs.uav.agent.pilot import WaypointPilot, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
-from sada_gym.sb3_vec_env import SB3VecEnv
+from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 
 
 @pytest.fixture(scope="module")

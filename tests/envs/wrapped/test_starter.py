@@ -12,7 +12,7 @@ from sada_gym.envs.wrapped import starter
 from sada_gym.envs.wrapped.scores import Episode
 from sada_gym.envs.wrapped.starter import starter_file
 from sada_gym.errors import UserError
-from sada_gym.files import parse_toml, read_toml
+from sada_gym.foundations.files import parse_toml, read_toml
 
 
 class Slide(gym.Env):

@@ -33,7 +33,7 @@ from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.files import MAX_TOML_BYTES, read_toml
+from sada_gym.foundations.files import MAX_TOML_BYTES, read_toml
 from sada_gym.testing import rules
 
 POLE = """

@@ -1,6 +1,6 @@
 """The card of the toy."""
 
-from sada_gym.cards import ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Toy",

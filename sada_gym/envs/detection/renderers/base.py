@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import check_unmasked
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import check_unmasked
 
 DEFAULT_KEY = "Rasteriser"
 """The default renderer in the settings of stores and published results."""

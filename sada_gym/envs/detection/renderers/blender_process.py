@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.detection.renderers.blender_scene import PREFIX
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 PROGRAM, TIMEOUT = "SADA_GYM_BLENDER", "SADA_GYM_BLENDER_TIMEOUT_S"
 """Environment variables: the path of the program, and the seconds that a picture may take."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from sada_gym.envs.detection.renderers.base import Renderer, validate_renderer
 from sada_gym.errors import UserError
-from sada_gym.parts import find_part
+from sada_gym.foundations.parts import find_part
 
 RENDERERS: dict[str, str] = {
     "rasteriser": "sada_gym.envs.detection.renderers.rasteriser:Rasteriser",

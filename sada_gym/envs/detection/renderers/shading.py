@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 
-from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import (
     Array,
     GBuffer,
@@ -22,6 +21,7 @@ from sada_gym.envs.detection.renderers.gbuffer import (
 )
 from sada_gym.envs.detection.renderers.texture import barycentric, filtered
 from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled, times
+from sada_gym.foundations.compiled import inlined, uncounted
 
 SUPERSAMPLING = 2
 """Samples per pixel and axis, of the object."""

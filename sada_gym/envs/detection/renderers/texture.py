@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from sada_gym.compiled import inlined
 from sada_gym.envs.detection.renderers.gbuffer import Array, Skin
 from sada_gym.envs.pixels import Triple, plus, scaled
+from sada_gym.foundations.compiled import inlined
 
 MOST_PROBES = 8
 """Texture is averaged along the longer side of a pixel's footprint in at most so many places."""

@@ -13,10 +13,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import KernelCamera, Skin
 from sada_gym.envs.detection.renderers.texture import texel, uv_at
 from sada_gym.envs.pixels import Triple, dot, scaled
+from sada_gym.foundations.compiled import inlined, uncounted
 
 NEAR = 0.05
 """What is nearer to the eye than this, along the viewing axis, is not drawn."""

@@ -14,7 +14,7 @@ from sada_gym.envs.detection.shapes.companions import Companions
 from sada_gym.envs.detection.shapes.surface import Surface
 from sada_gym.envs.detection.shapes.triangles import Triangles, check_count, look, triangulate
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _POLYGON, _LINE = 0, 2
 """Kinds of surfaces, their lowest four bits; what lies above lines are strips."""

@@ -13,7 +13,7 @@ import trimesh
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape, Surface
 from sada_gym.envs.detection.shapes.triangles import Triangles
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 CREASE_DEG = 40.0
 """Edges whose faces turn by more than this are shaded as sharp."""

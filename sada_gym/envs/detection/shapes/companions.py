@@ -17,7 +17,7 @@ from PIL import Image
 
 from sada_gym.envs.detection.shapes.surface import MAX_TEXTURE
 from sada_gym.errors import UserError
-from sada_gym.files import read_file, shown
+from sada_gym.foundations.files import read_file, shown
 
 Texture = npt.NDArray[np.uint8]
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.detection.shapes.companions import Companions
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 Json = Mapping[str, Any]
 

@@ -12,7 +12,7 @@ from sada_gym.envs.detection.shapes.gltf_file import GltfFile, Json
 from sada_gym.envs.detection.shapes.surface import Material, Surface
 from sada_gym.envs.detection.shapes.triangles import Points
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _REPEAT = 10497
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"

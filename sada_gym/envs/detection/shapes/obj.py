@@ -21,7 +21,7 @@ from sada_gym.envs.detection.shapes.triangles import (
     triangulate,
 )
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _IGNORED = frozenset(
     # points, lines and curves have no area; groups, normals and hints do not change the surface

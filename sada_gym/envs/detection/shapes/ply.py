@@ -19,7 +19,7 @@ from sada_gym.envs.detection.shapes.triangles import (
     triangulate,
 )
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",

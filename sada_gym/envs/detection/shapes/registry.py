@@ -9,8 +9,8 @@ from pathlib import Path
 from sada_gym.envs.detection.shapes.cad import load_class
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError, UserTypeError
-from sada_gym.files import file_errors
-from sada_gym.parts import find_part
+from sada_gym.foundations.files import file_errors
+from sada_gym.foundations.parts import find_part
 
 SHAPES: dict[str, str] = {
     "benchmark": "sada_gym.envs.detection.shapes.catalogue:benchmark_shapes",

@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.envs.detection.shapes.triangles import Points, Triangles, as_text, check_count
 from sada_gym.errors import UserError
-from sada_gym.files import shown
+from sada_gym.foundations.files import shown
 
 _HEAD = 84
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -16,7 +16,7 @@ from sada_gym.envs.detection.shapes.obj import read_obj
 from sada_gym.envs.detection.shapes.orientation import Direction, Orientation
 from sada_gym.envs.detection.shapes.triangles import as_text
 from sada_gym.errors import FileError, MissingPart, UserError
-from sada_gym.files import Strict, read_toml
+from sada_gym.foundations.files import Strict, read_toml
 
 LIST = Path(__file__).with_name("textured.toml")
 """Which models are used, and what their files have to hold."""

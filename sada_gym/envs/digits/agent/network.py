@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from sada_gym.agents.weights import WeightsFile, load_weights
-from sada_gym.determinism import generators_kept
+from sada_gym.foundations.determinism import generators_kept
 
 CLASSES = 10
 

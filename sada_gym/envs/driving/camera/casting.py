@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Bytes, Floats
-from sada_gym.compiled import kernel, uncounted
 from sada_gym.envs.driving.camera.ground import SHADE_TEXEL_M
 from sada_gym.envs.driving.camera.scenery import CELL_M, TownArrays
+from sada_gym.foundations.arrays import Bytes, Floats
+from sada_gym.foundations.compiled import kernel, uncounted
 
 REACH_M = 160.0
 """Upright objects are seen up to this distance."""

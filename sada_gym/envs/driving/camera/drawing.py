@@ -13,8 +13,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bytes, Floats, Floats32, Indices, Integers
-from sada_gym.compiled import kernel, uncounted
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
 from sada_gym.envs.driving.camera.rain import draw_rain
 from sada_gym.envs.driving.camera.scenery import TownArrays
@@ -23,6 +21,8 @@ from sada_gym.envs.driving.camera.surface import ground_colour, mirrored_share
 from sada_gym.envs.driving.camera.uprights import first_upright
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import TONE_WHITE, mix, plus
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Indices, Integers
+from sada_gym.foundations.compiled import kernel, uncounted
 
 
 @uncounted

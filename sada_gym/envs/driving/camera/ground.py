@@ -13,9 +13,9 @@ from highway_env.road.lane import AbstractLane, LineType
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, Town, local_coordinates
 from sada_gym.envs.pixels import Triple
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Integers
 
 TEXEL_M = 0.15
 LEVELS = 7

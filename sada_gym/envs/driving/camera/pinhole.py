@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.camera.casting import sunlit
 from sada_gym.envs.driving.camera.drawing import draw_all
 from sada_gym.envs.driving.camera.ground import SHADE_LEVEL, paint
@@ -17,6 +16,7 @@ from sada_gym.envs.driving.camera.scenery import TownArrays, furnish
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import LIGHTS
 from sada_gym.envs.pixels import pixel_size, ranked, tone_table
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Integers
 
 FIELD_OF_VIEW_DEG = 100.0
 FORWARD_M = 2.0

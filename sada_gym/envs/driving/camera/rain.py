@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.arrays import Bytes
-from sada_gym.compiled import kernel
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import clip, splitmix, uniform
+from sada_gym.foundations.arrays import Bytes
+from sada_gym.foundations.compiled import kernel
 
 
 @kernel

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.camera.ground import Ground
 from sada_gym.envs.driving.world.town import Town
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Integers
 
 CELL_M = 8.0
 """The side of a cell of the grid in which a ray looks for objects."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from sada_gym.arrays import Floats32
-from sada_gym.compiled import inlined
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import Triple, clip, mix, periodic, plus, scaled, times
+from sada_gym.foundations.arrays import Floats32
+from sada_gym.foundations.compiled import inlined
 
 
 @inlined

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from sada_gym.arrays import Bytes, Integers
-from sada_gym.compiled import inlined
 from sada_gym.envs.driving.camera.ground import SHADE_TEXEL_M, TEXEL_M
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import Triple, clip, plus, times
+from sada_gym.foundations.arrays import Bytes, Integers
+from sada_gym.foundations.compiled import inlined
 
 
 @inlined

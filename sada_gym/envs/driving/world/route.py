@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from highway_env.road.lane import AbstractLane
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.driving.world.layout import Corner
 from sada_gym.envs.driving.world.town import Manoeuvre, Town, town
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Floats
 
 COMMANDS: tuple[Manoeuvre, ...] = ("follow", "left", "right", "straight")
 SPACING_M = 0.5

@@ -15,9 +15,9 @@ from highway_env.road.lane import AbstractLane, CircularLane, LineType, Straight
 from highway_env.road.road import RoadNetwork
 from highway_env.utils import wrap_to_pi
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.driving.world.layout import LAYOUTS, Corner, Layout
 from sada_gym.errors import UserTypeError
+from sada_gym.foundations.arrays import Floats
 
 LANE_WIDTH_M = 3.5
 JUNCTION_SETBACK_M = 12.0

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Integers
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Floats, Integers
+from sada_gym.foundations.compiled import kernel
 
 LENGTH_M = 5.0
 WIDTH_M = 2.0

@@ -10,8 +10,6 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Indices
-from sada_gym.compiled import kernel
 from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
 from sada_gym.envs.robot.start import RobotStart
 from sada_gym.envs.robot.world.carts import SEES_M, SPEED_M_S
@@ -26,6 +24,8 @@ from sada_gym.envs.robot.world.geometry import (
 )
 from sada_gym.envs.robot.world.robot import RADIUS_M, axle_to_mass, move, rims_of
 from sada_gym.envs.robot.world.way import locate
+from sada_gym.foundations.arrays import Floats, Indices
+from sada_gym.foundations.compiled import kernel
 
 _HALL = np.array(HALL_M)
 _LEAST_M, _ROOM_M = 0.25, 0.6

@@ -7,9 +7,9 @@ from typing import Any
 
 import pymunk
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, FloorPlan
 from sada_gym.envs.robot.world.robot import RADIUS_M
+from sada_gym.foundations.arrays import Floats
 
 _ROBOT = 1
 

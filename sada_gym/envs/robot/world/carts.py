@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.compiled import kernel
 
 SPEED_M_S = 0.25
 SEES_M = 0.9

@@ -13,8 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.compiled import kernel
 from sada_gym.envs.robot.world.geometry import (
     CELL_M,
     clearances,
@@ -22,6 +20,8 @@ from sada_gym.envs.robot.world.geometry import (
     smooth_way,
     spread_from,
 )
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.compiled import kernel
 
 HALL_M = (10.0, 8.0)
 TRIPS = 5

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Integers
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Floats, Integers
+from sada_gym.foundations.compiled import kernel
 
 CELL_M = 0.2
 """The size of the cells through which ways are sought."""

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats, Floats32
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Bools, Floats, Floats32
+from sada_gym.foundations.compiled import kernel
 
 RAYS = 72
 RANGE_M = 3.5

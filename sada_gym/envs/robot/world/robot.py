@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Integers
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Floats, Integers
+from sada_gym.foundations.compiled import kernel
 
 RADIUS_M = 0.176
 MASS_KG = 6.3

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from sada_gym.arrays import Floats, Floats32
-from sada_gym.compiled import kernel
 from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.robot import FORWARD_M_S, TURN_RAD_S
+from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.compiled import kernel
 
 AHEAD_M = (0.4, 0.8, 1.2, 2.0)
 """A robot observes the points of its way at these distances ahead."""

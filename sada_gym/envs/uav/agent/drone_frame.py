@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Floats32
-from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import rotation
+from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.compiled import kernel
 
 UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
 """The speed and the turning rate that the network is given as 1."""

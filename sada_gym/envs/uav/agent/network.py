@@ -12,9 +12,9 @@ from torch import Tensor, nn
 
 from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.agents.weights import WeightsFile, load_weights, read_weights, save_weights
-from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
+from sada_gym.foundations.determinism import generators_kept
 
 _LOG_NOISE = -1.0
 """The logarithm of the noise on actions with which PPO begins. The noise is 0.37; with SB3's own,

@@ -17,13 +17,13 @@ from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.policy import Policy
 from sada_gym.agents.tile import Batch, tiled
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.envs.uav.agent.drone_frame import in_level, motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, light
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import SPEED_M_S, steer
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Floats, Floats32, Indices
 
 WAYPOINT_TILE = 8
 """The images in one call of the perception network."""

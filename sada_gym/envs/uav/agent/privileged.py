@@ -6,9 +6,9 @@ perception network imitates.
 
 from __future__ import annotations
 
-from sada_gym.arrays import Floats, Indices
 from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import steer
+from sada_gym.foundations.arrays import Floats, Indices
 
 FEASIBLE_SPEED_M_S = 7.0
 """The speed at which it says whether a track can be flown, chosen by `studies/racing_speeds.py`."""

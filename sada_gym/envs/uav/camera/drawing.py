@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bytes, Floats, Floats32, Integers
-from sada_gym.compiled import inlined, kernel
 from sada_gym.envs.pixels import Triple, dot, splitmix, uniform
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
+from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Integers
+from sada_gym.foundations.compiled import inlined, kernel
 
 FINER = 2
 """The number of samples of the depth buffer along either side of a pixel."""

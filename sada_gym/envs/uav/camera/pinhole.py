@@ -9,9 +9,9 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from sada_gym.arrays import Bytes, Floats
 from sada_gym.envs.pixels import pixel_size, ranked
 from sada_gym.envs.uav.camera import drawing
+from sada_gym.foundations.arrays import Bytes, Floats
 
 ROWS, COLUMNS = 48, 64
 """The size of the pictures that pilots see."""

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import rotation
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M, OUTER_WIDTH_M
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.compiled import kernel
 
 BODY_M = (0.24, 0.20, 0.06)
 """The size of the drone's box: forward, to the left, up."""

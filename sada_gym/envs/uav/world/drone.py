@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Indices
-from sada_gym.compiled import kernel
+from sada_gym.foundations.arrays import Floats, Indices
+from sada_gym.foundations.compiled import kernel
 
 SIMULATION_HZ = 240
 MASS_KG = 0.830

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.arrays import Floats
+from sada_gym.foundations.arrays import Floats
 
 OPENING_WIDTH_M = 2.4
 OPENING_HEIGHT_M = 2.4

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from sada_gym.arrays import Floats
-from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.compiled import kernel
 
 TOP_SPEED_M_S = 16.0
 """The velocity that a command of 1 means, forward, to the left, or up."""

@@ -12,9 +12,9 @@ from itertools import chain
 
 import numpy as np
 
-from sada_gym.arrays import Floats
 from sada_gym.envs.bullet import pybullet
 from sada_gym.envs.uav.world.drone import INERTIA_KG_M2, MASS_KG, SIMULATION_HZ
+from sada_gym.foundations.arrays import Floats
 
 
 class FreeBodies:

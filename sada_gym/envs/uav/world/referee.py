@@ -11,12 +11,12 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Floats, Floats32, Indices, Integers
-from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.contact import touches
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, heading_of, rotation
 from sada_gym.envs.uav.world.gates import OPENING_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S, TOP_TURN_RAD_S
+from sada_gym.foundations.arrays import Floats, Floats32, Indices, Integers
+from sada_gym.foundations.compiled import kernel
 
 UNIT_M, UNIT_RAD_S = 20.0, 10.0
 """The distance and the turning rate that are observed as 1."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import Bools
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.errors import UserError
+from sada_gym.foundations.arrays import Bools
 from sada_gym.parameters import Parameter, ParameterSpace
 
 LEAST_SPACING_M = 0.9

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import BSpline
 
-from sada_gym.arrays import Floats
-from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.compiled import kernel
 
 GATES = 8
 """The number of gates of every track, of one lap."""

@@ -1,0 +1,207 @@
+"""The paired comparison of two agents on the same worlds and seeds, and what follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from sada_gym.analyses.regression.suite import Case, Verdict
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.foundations.arrays import Bools
+from sada_gym.foundations.files import OneLine, Strict
+
+ALPHA = 0.05
+"""One-sided: the risk of calling an agent worse, or better, that is neither."""
+
+_MOST_WORLDS = 10**6
+
+Change = Literal[
+    "mended", "came back", "broke newly", "still fails", "still passes", "not comparable"
+]
+Status = Literal["passed", "failed", "inconclusive"]
+
+BROKEN: tuple[Change, ...] = ("came back", "broke newly")
+
+
+class Decision(Strict):
+    """What a comparison comes to.
+
+    Attributes:
+        status: `passed`, `failed` or `inconclusive`.
+        reason: Why, in a sentence.
+        worlds: How many worlds could be compared.
+        broken: Worlds that passed before and fail now.
+        mended: Worlds that failed before and pass now.
+        p_worse: McNemar's exact one-sided p-value: such a surplus of broken worlds by chance.
+        p_better: The same for mended worlds.
+        increase: The rate of failing worlds now, less that before.
+        at_most: The upper end of that increase at 95 % confidence.
+        margin: The greatest increase that is tolerated; None if none was given.
+        more: How many more worlds a decision would take at least: worlds with a changed verdict, or
+            with a margin any worlds. None where it is decided, or no number would do.
+    """
+
+    status: Status
+    reason: OneLine
+    worlds: int
+    broken: int
+    mended: int
+    p_worse: float
+    p_better: float
+    increase: float
+    at_most: float
+    margin: float | None
+    more: int | None = None
+
+
+def verdict_of(fooled: Bools, invalid: Bools) -> Verdict | None:
+    """Judge a world by its seeds: it fails where more than half of its valid seeds fool.
+
+    Both arrays are (seeds,) bool. None where no seed is valid.
+    """
+    valid = int((~invalid).sum())
+    if not valid:
+        return None
+    return "fail" if 2 * int((fooled & ~invalid).sum()) > valid else "pass"
+
+
+def change_of(case: Case, before: Verdict | None, now: Verdict | None) -> Change:
+    """Say what became of a world."""
+    if before is None or now is None:
+        return "not comparable"
+    if before == now:
+        return "still fails" if now == "fail" else "still passes"
+    if now == "pass":
+        return "mended"
+    return "came back" if case.objective == "failure" else "broke newly"
+
+
+def check_margin(margin: object) -> None:
+    """Raise `UserError` for anything but None or a number above 0 and below 1."""
+    if margin is None:
+        return
+    if isinstance(margin, bool) or not isinstance(margin, int | float):
+        raise UserTypeError(f"Expected margin to be a number such as 0.05, got {margin!r}.")
+    if not 0.0 < margin < 1.0:
+        raise UserError(f"Expected a margin above 0 and below 1, such as 0.05, got {margin}.")
+
+
+def decide(
+    changes: Sequence[Change], *, margin: float | None = None, unchanged: bool = False
+) -> Decision:
+    """Decide whether an agent passes.
+
+    McNemar's test in its exact form (1947): if nothing is worse, a world with a changed verdict is
+    as likely mended as broken. Without a margin, an agent fails where significantly more worlds
+    broke than were mended, and passes where the opposite holds or none broke at all. With a margin
+    it passes where the increase of failing worlds is below the margin at 95 % confidence
+    (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
+
+    Args:
+        changes: What became of each world.
+        margin: The greatest tolerated increase of the rate of failing worlds.
+        unchanged: Whether the agent is the one that it is compared with.
+
+    Raises:
+        UserError: If no world can be compared.
+    """
+    check_margin(margin)
+    compared = [change for change in changes if change != "not comparable"]
+    if not compared:
+        raise UserError(
+            "Expected worlds that can be compared, got none: all of them are invalid, now or "
+            "before. Check the environment."
+        )
+    n, broken = len(compared), sum(change in BROKEN for change in compared)
+    mended = compared.count("mended")
+    worse, better = _p_value(broken, mended), _p_value(mended, broken)
+    at_most = increase_at_most(broken, mended, n)
+    status: Status
+    more = None
+    if unchanged and not broken + mended:
+        status, reason = "passed", "It is the same agent in the same application"
+    elif margin is not None and at_most <= margin:
+        status = "passed"
+        reason = f"The increase of failing worlds is at most {at_most:.1%}, within {margin:.1%}"
+    elif worse <= ALPHA:
+        status = "failed"
+        reason = f"{broken} of {n} worlds broke and {mended} were mended (p = {worse:.2g})"
+    elif margin is not None:
+        status, more = "inconclusive", _more_for_margin(broken, mended, n, margin)
+        needed = f"it takes about {more:,} more" if more else "no number of such worlds would do"
+        reason = (
+            f"{n} worlds only show that the increase of failing worlds is at most {at_most:.1%}, "
+            f"not {margin:.1%}: {needed}"
+        )
+    elif not broken:
+        status = "passed"
+        reason = f"None of {n} worlds broke, {mended} were mended"
+    elif better <= ALPHA:
+        status = "passed"
+        reason = f"{mended} of {n} worlds were mended and {broken} broke (p = {better:.2g})"
+    else:
+        status, more = "inconclusive", _more_discordant(broken, mended)
+        reason = (
+            f"{broken} of {n} worlds broke and {mended} were mended, which may be chance (p = "
+            f"{min(worse, better):.2g}): it takes at least {more} more worlds that change alike"
+        )
+    return Decision(
+        status=status,
+        reason=f"{reason}.".replace("%", " %"),
+        worlds=n,
+        broken=broken,
+        mended=mended,
+        p_worse=worse,
+        p_better=better,
+        increase=(broken - mended) / n,
+        at_most=at_most,
+        margin=margin,
+        more=more,
+    )
+
+
+def increase_at_most(broken: int, mended: int, worlds: int) -> float:
+    """Bound the increase of the failure rate from above, at 95 % confidence."""
+    from scipy.stats import binomtest
+
+    # where none is mended, 0 bounds that rate from below for sure, and all risk is the other's
+    level = 1.0 - ALPHA if not mended else 1.0 - ALPHA / 2
+    most = binomtest(broken, worlds, alternative="less").proportion_ci(level).high
+    least = binomtest(mended, worlds, alternative="greater").proportion_ci(1 - ALPHA / 2).low
+    return float(most - least)
+
+
+def _p_value(more: int, less: int) -> float:
+    """Return the chance of so uneven a split of changed worlds, or a worse one."""
+    from scipy.stats import binomtest
+
+    if not more + less:
+        return 1.0
+    return float(binomtest(more, more + less, alternative="greater").pvalue)
+
+
+def _more_discordant(broken: int, mended: int) -> int:
+    most, least = max(broken, mended), min(broken, mended)
+    more = 1
+    while _p_value(most + more, least) > ALPHA:
+        more += 1
+    return more
+
+
+def _more_for_margin(broken: int, mended: int, worlds: int, margin: float) -> int | None:
+    """Estimate how many more worlds show that an increase is within a margin, at these rates."""
+
+    def shows(count: int) -> bool:
+        scale = count / worlds
+        bound = increase_at_most(round(broken * scale), round(mended * scale), count)
+        return bound <= margin
+
+    low = high = worlds
+    while not shows(high):
+        low, high = high, 2 * high
+        if high > _MOST_WORLDS:
+            return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if shows(middle) else (middle, high)
+    return high - worlds

@@ -1,0 +1,300 @@
+"""Runs a regression suite with another agent, and compares it world by world."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.agents.agent_files import SUFFIXES
+from sada_gym.analyses.mapping import map_samples
+from sada_gym.analyses.regression.compare import (
+    Change,
+    Decision,
+    change_of,
+    check_margin,
+    decide,
+    verdict_of,
+)
+from sada_gym.analyses.regression.suite import Case, Item, Suite, Verdict, read_suite
+from sada_gym.application import Application
+from sada_gym.envs.wrapped.toml import application_of
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluation.stored import OnScores, stored_scores
+from sada_gym.evaluations import fools
+from sada_gym.experiment.differences import differences
+from sada_gym.experiment.packages import installed
+from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.foundations.arrays import Bools
+from sada_gym.foundations.files import OneLine, Strict, parse_toml, shown
+
+EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
+
+
+class World(Strict):
+    """What became of a world of the suite.
+
+    Attributes:
+        case: The world.
+        before: Its result before: of the baseline, or as the suite expects it; None where the world
+            is invalid.
+        now: Its result with the agent.
+        scores: The agent's scores, one for each seed.
+        invalid: The number of seeds with which the world broke.
+    """
+
+    case: Case
+    before: Verdict | None
+    now: Verdict | None
+    change: Change
+    scores: tuple[float, ...]
+    invalid: int = 0
+
+
+class Regression(Strict):
+    """A suite's result with an agent.
+
+    Attributes:
+        suite: The suite's file.
+        agent: What was tested.
+        baseline: What it was compared with; None where that is what the suite expects.
+        differences: What is not as it was when the suite was exported.
+        groups: What the worlds of each distinct failure share.
+        suite_agent: The agent that the suite was exported of.
+    """
+
+    suite: str
+    suite_agent: OneLine
+    track: OneLine
+    agent: OneLine
+    baseline: OneLine | None
+    decision: Decision
+    differences: tuple[OneLine, ...]
+    groups: tuple[OneLine, ...]
+    worlds: tuple[World, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 where the agent passed, 1 where it failed, 3 where the suite cannot tell."""
+        return EXIT_CODES[self.decision.status]
+
+    @property
+    def compared_with(self) -> str:
+        """What the agent was compared with, in words."""
+        made = f" (made with {self.suite_agent})" if self.suite_agent else ""
+        return f"what the suite expects{made}" if self.baseline is None else self.baseline
+
+    def counts(self) -> dict[Change, int]:
+        """Count the worlds by what became of them; only what occurs."""
+        changes = [world.change for world in self.worlds]
+        return {change: changes.count(change) for change in dict.fromkeys(sorted(changes))}
+
+
+def regress(
+    suite: str | Path,
+    agent: str | Path | Application,
+    *,
+    baseline: str | Path | Application | None = None,
+    margin: float | None = None,
+    workers: int = 1,
+    store: str | Path | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Regression:
+    """Score an agent in the worlds of a suite, and compare it on the same worlds and seeds.
+
+    Args:
+        suite: What `export` wrote: a .json file, or the folder of `suite.json`.
+        agent: A shipped agent's name, an agent's file, a `tcp://` address or `module:object`, as
+            the application takes it; or the application itself, with the agent in it.
+        baseline: What to compare it with, of the same kinds; None takes what the suite expects.
+        margin: See `decide`.
+        workers: 1 evaluates in this process, more in as many others.
+        store: Keeps the scores, so that a call that was stopped goes on where it was.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, the suite cannot be read, an agent does not fit, or the
+            application's parameters have other names, units or choices.
+    """
+    path, content = read_suite(suite)
+    check_margin(margin)
+    kept = None if store is None else Path(store)
+    with ExitStack() as stack:
+        agents = {"agent": agent, **({} if baseline is None else {"baseline": baseline})}
+        opened = [
+            stack.enter_context(_open(content.test_item, path, given, what, workers))
+            for what, given in agents.items()
+        ]
+        total = len(opened) * sum(len(case.seeds) for case in content.test_cases)
+        results: list[_Result] = []
+        for there in opened:
+            done = sum(len(result.scores) for result in results)
+            results.append(_score(content, path, there, kept, done, total, on_scores))
+        changed = _differences(content.test_item, path, opened[0])
+    now, before = results[0], results[1] if baseline is not None else None
+    worlds = tuple(
+        now.world(i, case.expected_result if before is None else before.verdicts[i], case)
+        for i, case in enumerate(content.test_cases)
+    )
+    known = content.test_item.target.application if before is None else before.target.application
+    decision = decide(
+        [world.change for world in worlds],
+        margin=margin,
+        unchanged=known == now.target.application,
+    )
+    return Regression(
+        suite=str(path),
+        suite_agent=shown(content.test_item.target.agent),
+        track=shown(now.target.track),
+        agent=shown(now.target.agent),
+        baseline=None if before is None else shown(before.target.agent),
+        decision=decision,
+        differences=(*changed, *now.clipped),
+        groups=content.groups,
+        worlds=worlds,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Result:
+    """What an agent got in the suite's worlds: scores (n seeds in all), by world."""
+
+    opened: OpenTarget
+    rows: list[slice]
+    scores: list[float]
+    invalid: Bools
+    verdicts: list[Verdict | None]
+    clipped: tuple[str, ...]
+
+    @property
+    def target(self) -> Target:
+        return self.opened.target
+
+    def world(self, i: int, before: Verdict | None, case: Case) -> World:
+        rows = self.rows[i]
+        return World(
+            case=case,
+            before=before,
+            now=self.verdicts[i],
+            change=change_of(case, before, self.verdicts[i]),
+            scores=tuple(self.scores[rows]),
+            invalid=int(self.invalid[rows].sum()),
+        )
+
+
+def _score(
+    suite: Suite,
+    path: Path,
+    there: OpenTarget,
+    store: Path | None,
+    before: int,
+    total: int,
+    on_scores: OnScores,
+) -> _Result:
+    mu, clipped = map_samples(
+        suite.mu, suite.parameters, there.parameters, str(path), str(there.target)
+    )
+    counts = [len(case.seeds) for case in suite.test_cases]
+    seeds = [seed for case in suite.test_cases for seed in case.seeds]
+
+    def report(done: int, cached: int) -> None:
+        on_scores(before + done, total, cached)
+
+    there.evaluator.expect(len(seeds))
+    scores, invalid = stored_scores(
+        there.evaluator,
+        np.repeat(mu, counts, axis=0),
+        seeds,
+        store,
+        report,
+    )
+    fooled = fools(scores, suite.test_item.target.fooling_threshold) & ~invalid
+    ends = np.cumsum(counts).tolist()
+    rows = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+    return _Result(
+        opened=there,
+        rows=rows,
+        scores=scores.tolist(),
+        invalid=invalid,
+        verdicts=[verdict_of(fooled[part], invalid[part]) for part in rows],
+        clipped=tuple(
+            f"{count} of {len(mu)} worlds lie outside the range of {name}, and are moved to its end"
+            for name, count in clipped.items()
+        ),
+    )
+
+
+def _open(
+    item: Item, suite: Path, given: str | Path | Application, what: str, workers: int
+) -> OpenTarget:
+    if isinstance(given, Application):
+        if given.name != item.target.application.name:
+            raise UserError(
+                f"Expected an application {shown(item.target.application.name)} as the {what}, as "
+                f"in {suite}, got {shown(given.name)}. Export a suite of its own."
+            )
+        return OpenTarget.of(given, workers=workers)
+    if not isinstance(given, str | Path) or not str(given):
+        raise UserTypeError(
+            f"Expected the {what} as a name, a file or an Application, got {given!r}."
+        )
+    if item.opened_by == "id":
+        return OpenTarget.of(item.target.track, item.env_kwargs, agent=str(given), workers=workers)
+    if item.opened_by == "python" or item.toml is None:
+        raise UserError(
+            f"Expected the {what} as an Application, because the one in {suite} was made in "
+            f"Python, got {str(given)!r}. Call sada_gym.regress(SUITE, YOURS)."
+        )
+    folder = suite.parent / item.folder
+    table = parse_toml(item.toml.encode(), suite)
+    old, table["agent"] = table.get("agent"), _absolute(str(given), Path.cwd())
+    if "agent_id" in table and not _same(table["agent"], _absolute(str(old), folder)):
+        table["agent_id"] = _identity(table["agent"])  # the file's names the old agent
+    application = application_of(table, folder / "application.toml")
+    return OpenTarget.of(application, workers=workers)
+
+
+def _absolute(agent: str, folder: Path) -> str:
+    """Return an agent's file by its whole path, and anything else as it is."""
+    path = os.path.expanduser(agent)
+    is_file = Path(path).suffix.lower() in SUFFIXES or ":" not in agent
+    return str(folder / path) if is_file else agent
+
+
+def _same(agent: str, other: str) -> bool:
+    return os.path.abspath(agent) == os.path.abspath(other)
+
+
+def _identity(agent: str) -> str:
+    """Name an agent, and its file by its content."""
+    with suppress(OSError, ValueError):
+        return f"{Path(agent).stem} {hashlib.sha256(Path(agent).read_bytes()).hexdigest()[:12]}"
+    return agent
+
+
+def _differences(item: Item, suite: Path, now: OpenTarget) -> tuple[str, ...]:
+    """Say what is not as it was: the application, ranges, packages, and the agent's old file."""
+    old, new = item.target.application.model_dump(), now.target.application.model_dump()
+    for record in (old, new):
+        del record["fingerprint"]  # of the agent, which may be another
+    told = differences(old, new)
+    if item.target.fooling_threshold != now.target.fooling_threshold:
+        told.append(
+            f"fooling_threshold is {now.target.fooling_threshold:g} and was "
+            f"{item.target.fooling_threshold:g}, by which this suite is judged"
+        )
+    for name, before in item.packages.items():
+        now_installed = installed(name)
+        if now_installed != before:
+            told.append(f"{name} was {before} and is {now_installed}")
+    if item.agent_file is not None:
+        path = suite.parent / item.agent_file.path
+        with suppress(OSError):
+            if hashlib.sha256(path.read_bytes()).hexdigest() != item.agent_file.sha256:
+                told.append(f"{item.agent_file.path} is another file than when it was exported")
+    return tuple(map(shown, told))

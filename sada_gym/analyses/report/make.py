@@ -1,0 +1,101 @@
+"""Writes report.html of a run, or of two side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from sada_gym.analyses.report.page import page
+from sada_gym.analyses.report.read import (
+    columns_of,
+    complete,
+    missing_pictures,
+    read_view,
+    with_pictures,
+)
+from sada_gym.analyses.report.thumbnails import draw, picture_of, sample
+from sada_gym.analyses.report.views import RunView
+from sada_gym.application import Application
+from sada_gym.errors import FileError, UserError, check_integer
+from sada_gym.foundations.files import as_path, write_file
+from sada_gym.foundations.frames import Frame
+from sada_gym.run import Run
+from sada_gym.run.folder import REPORT_FILE
+from sada_gym.run.run import as_run
+
+MAX_PICTURES = 2_000
+
+
+def report_attack(
+    run: Run,
+    application: Application,
+    frames: Mapping[int, Frame],
+    *,
+    html: bool,
+    on_progress: Callable[[int, int], None],
+) -> None:
+    """Write worlds.csv at the end of an attack, and the report if `html` says so.
+
+    Args:
+        run: The run, with what further analyses have left in its folder.
+        application: What it attacked.
+        frames: Those that are drawn already, by the sample's row.
+        html: Whether to write the report.
+        on_progress: See `report`.
+    """
+    view = read_view(run)
+    drawn = {sample(run.samples, row).key: picture_of(frame) for row, frame in frames.items()}
+    view = replace(view, columns=columns_of(run, application), pictures={**view.pictures, **drawn})
+    view.write_worlds()
+    if html:
+        more = draw(application, missing_pictures(view), on_progress)
+        view = replace(view, pictures=with_pictures(view, more))
+        write_file(run.folder / REPORT_FILE, page(view))
+
+
+def report(
+    run: Run | str | Path,
+    other: Run | str | Path | None = None,
+    *,
+    out: str | Path | None = None,
+    application: Application | str | None = None,
+    pictures: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
+) -> Path:
+    """Write the report of a run, or of two runs side by side, and return its path.
+
+    worlds.csv is written anew, too. Two runs may be of one agent under two adversaries, or of two
+    agents in the same kind of worlds. The same runs give the same bytes.
+
+    Args:
+        run: A run, or its folder.
+        other: A second one.
+        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html of two.
+        application: What was attacked: an `Application`, an environment's id, or a TOML file. None
+            opens what the run names, if it is needed and can be.
+        pictures: How many worlds to draw beside those of the first screen; None draws as many as
+            an attack does. They are kept in thumbnails.zip.
+        on_progress: Called after each picture that is drawn, with their numbers so far and in all.
+
+    Raises:
+        UserError: If an argument is bad, or the application is another one.
+        FileError: If a folder holds no finished run, or the report cannot be written.
+    """
+    if pictures is not None:
+        check_integer("pictures", pictures, 0, MAX_PICTURES)
+    runs = [as_run(run), *([] if other is None else [as_run(other)])]
+    if other is not None and runs[0].folder.resolve() == runs[1].folder.resolve():
+        raise UserError(f"Expected two runs, got {run} twice. Name another, or one alone.")
+    views: list[RunView] = []
+    for one in runs:
+        view = complete(read_view(one), application, wanted=pictures, on_progress=on_progress)
+        try:
+            view.write_worlds()
+        except FileError as error:  # a folder that may only be read
+            view = replace(view, notes=(*view.notes, f"worlds.csv is left as it was. {error}"))
+        views.append(view)
+    name = REPORT_FILE if other is None else f"report-{runs[1].name}.html"
+    path = runs[0].folder / name if out is None else as_path(out, "the report")
+    write_file(path, page(*views))
+    return path

@@ -1,0 +1,154 @@
+"""Small pictures of a run's worlds, which thumbnails.zip keeps."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from sada_gym.application import Application, isolated_rng
+from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Floats32
+from sada_gym.foundations.files import read_file, write_file
+from sada_gym.foundations.frames import Frame, as_frame
+
+THUMBNAILS_FILE = "thumbnails.zip"
+
+_WIDTH, _HEIGHT, _QUALITY = 560, 480, 68
+_METHOD = 2  # 4, the default, takes twice as long for 4 % fewer bytes
+_PLOT_METHODS = 0, 4  # the second takes six times as long for half of the bytes, or less
+_MOST_BYTES = 4_000_000
+"""The most bytes of pictures: a report of one run or two, which writes them as text, a third
+longer, stays below 10 MB with its plots and numbers."""
+_MOST_PLOT_BYTES = 400_000
+_MOST_DRAWN, _SHARE = 24, 50
+"""An attack draws a further picture for so many evaluations each, and not more than 24."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A world that was evaluated: mu, (d,), its seed, Q, and its row among the samples, if any."""
+
+    mu: Floats32
+    seed: int
+    score: float
+    row: int | None = None
+
+    @property
+    def key(self) -> str:
+        """The name of its picture."""
+        mu = np.ascontiguousarray(self.mu, "<f4").tobytes()
+        seed = self.seed.to_bytes(8, "little", signed=True)
+        return hashlib.blake2b(mu + seed, digest_size=8).hexdigest()
+
+
+def sample(samples: Evaluations, row: int) -> World:
+    """Return a test sample by its row."""
+    return World(samples.mu[row], int(samples.seed[row]), float(samples.score[row]), row)
+
+
+def picture_of(frame: Frame) -> bytes:
+    """Return a frame as a small WebP."""
+    image, buffer = Image.fromarray(frame), io.BytesIO()
+    image.thumbnail((_WIDTH, _HEIGHT))
+    image.save(buffer, "webp", quality=_QUALITY, method=_METHOD)
+    return buffer.getvalue()
+
+
+def plot_of(path: Path) -> bytes | None:
+    """Return a plot of the run as a WebP without losses; None where it is missing or damaged."""
+    try:
+        with Image.open(path) as image:
+            pixels = image.convert("RGB")
+        for method in _PLOT_METHODS:
+            buffer = io.BytesIO()
+            pixels.save(buffer, "webp", lossless=True, method=method)
+            if buffer.tell() <= _MOST_PLOT_BYTES:
+                return buffer.getvalue()
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        pass
+    return None
+
+
+def read_thumbnails(folder: Path) -> dict[str, bytes]:
+    """Read a run's thumbnails by `World.key`; none where their file is missing or damaged."""
+    path = folder / THUMBNAILS_FILE
+    if not path.is_file():
+        return {}
+    try:
+        content = read_file(path, 3 * _MOST_BYTES)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            stored = [one for one in archive.infolist() if one.compress_type == zipfile.ZIP_STORED]
+            pictures = {one.filename.removesuffix(".webp"): archive.read(one) for one in stored}
+    except (ValueError, zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError):
+        return {}
+    return {key: picture for key, picture in pictures.items() if picture[8:12] == b"WEBP"}
+
+
+def write_thumbnails(folder: Path, pictures: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Write thumbnails, the first ones as far as there is room, and return those written."""
+    kept, buffer = fitting(pictures), io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for key, picture in kept.items():
+            archive.writestr(zipfile.ZipInfo(f"{key}.webp"), picture)  # without a date
+    write_file(folder / THUMBNAILS_FILE, buffer.getvalue())
+    return kept
+
+
+def fitting(pictures: Mapping[str, bytes], runs: int = 1) -> dict[str, bytes]:
+    """Return the first pictures of a run, as far as a page of so many runs has room."""
+    kept, size = {}, 0
+    for key, picture in pictures.items():
+        size += len(picture)
+        if size > _MOST_BYTES // runs:
+            break
+        kept[key] = picture
+    return kept
+
+
+def draw(
+    application: Application,
+    worlds: Sequence[World],
+    on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
+) -> dict[str, bytes]:
+    """Draw worlds; an application without pictures draws none, one that fails those before.
+
+    `on_progress` is called after each with the numbers of pictures drawn and of all.
+    """
+    drawn: dict[str, bytes] = {}
+    if not worlds or not application.can_render:
+        return drawn
+    mu, seeds = np.stack([world.mu for world in worlds]), [world.seed for world in worlds]
+    try:
+        with isolated_rng(application):
+            frames = application.render_batch(mu, seeds)
+            for world, frame in zip(worlds, frames, strict=True):
+                drawn[world.key] = picture_of(as_frame(frame, application.name))
+                on_progress(len(drawn), len(worlds))
+    except Exception:  # a user's code: the sheet of failures tells what is wrong with it
+        return drawn
+    return drawn
+
+
+def spread(samples: Evaluations, threshold: float, count: int) -> list[World]:
+    """Choose so many samples evenly over the scores: half of them failures, if there are."""
+    order = np.argsort(samples.score, kind="stable")
+    fooled = samples.fooled(threshold)[order]
+    chosen: list[int] = []
+    failures, passes = order[fooled], order[~fooled & ~samples.invalid[order]]
+    share = min(len(failures), max(count // 2, count - len(passes)))
+    for rows, wanted in ((failures, share), (passes, min(count - share, len(passes)))):
+        chosen += rows[np.linspace(0, len(rows) - 1, wanted).round().astype(np.intp)].tolist()
+    return [sample(samples, row) for row in chosen]
+
+
+def usual_count(evaluations: int) -> int:
+    """Say how many pictures an attack of so many evaluations draws beside those of its sheet."""
+    return min(_MOST_DRAWN, evaluations // _SHARE)

@@ -1,0 +1,400 @@
+"""Samples of finished runs, scored in other worlds: do attacks carry over, are they confirmed?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from typing_extensions import Self
+
+from sada_gym import agents
+from sada_gym.analyses.mapping import map_samples
+from sada_gym.application import Application
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
+from sada_gym.evaluation.stored import OnScores, stored_scores
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.names import card_of, check_spelling
+from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.cards import fetchable
+from sada_gym.foundations.files import Strict, as_path, read_model, write_model
+from sada_gym.foundations.ids import names_file
+from sada_gym.measures.rates import Rate
+from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.run import Run
+from sada_gym.run.folder import ELSEWHERE_FILE, write_samples
+from sada_gym.run.run import as_run, as_runs
+
+CONFIRMED_FILE = "confirmed.json"
+_FEWEST_RANKS = 3
+
+
+class Comparison(Strict):
+    """The samples of one run, where they were learnt and elsewhere.
+
+    Attributes:
+        run: The run's folder.
+        adversary: What reports call the adversary.
+        here: What the run attacked.
+        there: Where its samples are scored again.
+        keywords: The keywords that were given for it.
+        afr_here: The attack fooling rate of these samples in the run.
+        both: Of the samples that fooled here, the share that fools there too (precision); None
+            where none fooled.
+        new: Of the samples that did not fool here, the share that fools there; None where all did.
+        rank_correlation: Spearman's, of the scores here and there; None where all scores of one
+            world are equal, or for fewer than three samples.
+        invalid: How many samples count in no figure, because their world broke here or there.
+        clipped: By parameter, how many samples lie outside its range there. They are moved to the
+            nearest end of it.
+    """
+
+    run: str
+    adversary: str
+    seed: int
+    here: Target
+    there: Target
+    keywords: dict[str, Any]
+    afr_here: Rate
+    afr_there: Rate
+    both: Rate | None
+    new: Rate | None
+    rank_correlation: float | None
+    invalid: int = 0
+    clipped: dict[str, int]
+
+
+class Transfers(Strict):
+    """The comparisons of runs with the worlds that their samples were tried in."""
+
+    comparisons: tuple[Comparison, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Confirmation:
+    """What a second look at a run's samples gave.
+
+    Attributes:
+        comparison: The figures, as in confirmed.json.
+        scores: The samples with their scores in the other world, as in confirmed.npz.
+        path: Where confirmed.json lies.
+    """
+
+    comparison: Comparison
+    scores: Evaluations
+    path: Path
+
+
+def transfer(
+    runs: Run | str | Path | Sequence[Run | str | Path],
+    to: str | Application | Sequence[str | Application] = (),
+    *,
+    agent: str | None = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    application: Application | str | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Transfers:
+    """Score the samples of finished runs in other tracks, against other agents, on other shapes.
+
+    A sample keeps its physical values: where a range differs, mu does too. What lies outside a
+    range is moved to its end, and counted. The scores are kept in `elsewhere.sqlite` in the run's
+    folder, so that a call that was stopped goes on where it was.
+
+    Args:
+        runs: Runs, or their folders.
+        to: Ids, TOML files or applications. None of them means each run's own track, with another
+            agent or other keywords.
+        agent: The agent there. By default it is the run's, where it is shipped for that track, and
+            else the track's own.
+        env_kwargs: Keywords of the ids.
+        samples: Takes the first so many of a run; None takes all.
+        seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
+            application differ in nothing else.
+        workers: 1 evaluates in this process, more in as many others.
+        executor: Where workers run, see `Oracle`.
+        application: What the runs attacked, where they cannot say it, see `Run.open`.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
+            the parameters there have other names, units or choices.
+    """
+    attacked, targets = as_runs(runs), _listed(to)
+    keywords = {} if env_kwargs is None else dict(env_kwargs)
+    check_keywords("env_kwargs", keywords)
+    _check_agent(agent, keywords, targets)
+    if not (targets or keywords or agent):
+        raise UserError(
+            "Expected a track, an agent or keywords to try the samples with, got none. Name them "
+            "by --to, --agent or --env-kwargs (to=, agent=, env_kwargs=)."
+        )
+    for target in targets:
+        check_spelling(target, None, {**keywords, **({} if agent is None else {"agent": agent})})
+    settled = _Progress(on_scores)
+    tasks: list[_Task] = []
+    with ExitStack() as stack:
+        opened: dict[object, OpenTarget] = {}
+        for run in attacked:
+            wanted = _Wanted.of(run, samples, seed, application)
+            for target in targets or [None]:
+                with_agent = agent or _own_agent(run.target, target)
+                key = (run.folder if target is None else target, with_agent)
+                if key not in opened:
+                    there = _open(run, target, keywords, with_agent, workers, executor)
+                    opened[key] = stack.enter_context(there)
+                tasks.append(_Task.of(wanted, opened[key], keywords))
+        settled.total = sum(len(task.mu) for task in tasks)
+        for there in opened.values():
+            there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
+        return Transfers(comparisons=tuple(task.compare(settled)[0] for task in tasks))
+
+
+def confirm(
+    run: Run | str | Path,
+    env_kwargs: Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    out: str | Path | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Confirmation:
+    """Score a run's samples again in its own track with changed keywords, such as a slow renderer.
+
+    Each sample keeps its seed. The run's folder gets `confirmed.json` and, with mu, score and seed
+    of each sample, `confirmed.npz`. The scores are kept in `elsewhere.sqlite` as well: a call that
+    was stopped goes on where it was.
+
+    Args:
+        run: A run of an id, or its folder.
+        env_kwargs: The keywords that change, such as `{"renderer": "blender"}`; all others stay.
+        samples: Takes the first so many; None takes all.
+        out: Another name for confirmed.json; the arrays lie beside it.
+        workers: 1 evaluates in this process, more in as many others.
+        executor: Where workers run, see `Oracle`.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, nothing changes, or the run is not finished or cannot be
+            opened as it was.
+        FileError: If the file holds another confirmation.
+    """
+    attacked = as_run(run)
+    check_keywords("env_kwargs", env_kwargs)
+    keywords = dict(env_kwargs)
+    if not keywords:
+        raise UserError(
+            "Expected keywords that change the world, got none. Name one, such as --env-kwargs "
+            "renderer=blender."
+        )
+    path = attacked.folder / CONFIRMED_FILE if out is None else _json_path(out)
+    agent = keywords.pop("agent", None)
+    given = dict(env_kwargs)
+    _check_agent(agent, {}, ())
+    wanted = _Wanted.of(attacked, samples, None, None)
+    own = agent or attacked.target.agent
+    with _open(attacked, None, keywords, own, workers, executor) as there:
+        if there.target.application == attacked.target.application:
+            raise UserError(
+                f"Expected keywords that change the world, got {given}, with which it is the one "
+                f"that the run in {attacked.folder} attacked. Give others."
+            )
+        task = _Task.of(wanted, there, given)
+        _check_same(path, task)
+        there.evaluator.expect(len(task.mu))
+        settled = _Progress(on_scores, len(task.mu))
+        comparison, scores = task.compare(settled)
+    write_samples(path.with_suffix(".npz"), scores)
+    write_model(path, comparison)
+    return Confirmation(comparison, scores, path)
+
+
+class _Progress:
+    """Adds up the scores of several evaluations."""
+
+    def __init__(self, on_scores: OnScores, total: int = 0) -> None:
+        self._on_scores, self.total = on_scores, total
+        self._done = self._cached = 0
+
+    @contextmanager
+    def counting(self) -> Iterator[Callable[[int, int], None]]:
+        """Yield what to report one evaluation's scores, and those from the store, to."""
+        latest = (0, 0)
+
+        def report(done: int, cached: int) -> None:
+            nonlocal latest
+            latest = done, cached
+            self._on_scores(self._done + done, self.total, self._cached + cached)
+
+        report(0, 0)
+        yield report
+        self._done, self._cached = self._done + latest[0], self._cached + latest[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """The samples of a run that are wanted, their seeds elsewhere, and the space they lie in."""
+
+    run: Run
+    samples: Evaluations
+    seeds: list[int]
+    parameters: ParameterSpace
+
+    @classmethod
+    def of(
+        cls, run: Run, count: int | None, seed: int | None, application: Application | str | None
+    ) -> Self:
+        samples = run.samples
+        if count is not None:
+            check_integer("samples", count, 1, len(samples))
+            samples = samples[:count]
+        with run.open(application) as opened:
+            parameters = opened.parameters
+        seeds = samples.seed.tolist()
+        if seed is not None:
+            check_integer("seed", seed, 0)
+            seeds = evaluation_seeds(seed, "validation", 0, len(samples))
+        return cls(run, samples, seeds, parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """The samples of a run, as mu of the world in which they are to be scored."""
+
+    wanted: _Wanted
+    there: OpenTarget
+    keywords: dict[str, Any]
+    mu: Mu
+    clipped: dict[str, int]
+
+    @classmethod
+    def of(cls, wanted: _Wanted, there: OpenTarget, keywords: dict[str, Any]) -> Self:
+        place = str(wanted.run.folder)
+        mu, clipped = map_samples(
+            wanted.samples.mu, wanted.parameters, there.parameters, place, str(there.target)
+        )
+        return cls(wanted, there, keywords, mu, clipped)
+
+    def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
+        wanted, run, there = self.wanted, self.wanted.run, self.there
+        with settled.counting() as report:
+            score, invalid = stored_scores(
+                there.evaluator, self.mu, wanted.seeds, run.folder / ELSEWHERE_FILE, report
+            )
+        scored = Evaluations(self.mu, score, np.array(wanted.seeds, np.int64), invalid)
+        valid = ~(wanted.samples.invalid | invalid)
+        if not valid.any():
+            raise UserError(
+                f"Expected samples of {run.folder} whose worlds are valid there as well, got none "
+                f"in {there.target}. Choose another one."
+            )
+        old, new = wanted.samples[valid], scored[valid]
+        here = old.fooled(run.target.fooling_threshold)
+        fooled = new.fooled(there.target.fooling_threshold)
+        known, others = int(here.sum()), int((~here).sum())
+        comparison = Comparison(
+            run=str(run.folder),
+            adversary=run.settings.label,
+            seed=run.settings.seed,
+            here=run.target,
+            there=there.target,
+            keywords=self.keywords,
+            afr_here=Rate.of(known, len(here)),
+            afr_there=Rate.of(int(fooled.sum()), len(here)),
+            both=Rate.of(int((here & fooled).sum()), known) if known else None,
+            new=Rate.of(int((~here & fooled).sum()), others) if others else None,
+            rank_correlation=_rank_correlation(old.score, new.score),
+            invalid=int((~valid).sum()),
+            clipped=self.clipped,
+        )
+        return comparison, scored
+
+
+def _rank_correlation(here: Floats, there: Floats) -> float | None:
+    from scipy.stats import spearmanr
+
+    if len(here) < _FEWEST_RANKS or np.ptp(here) == 0.0 or np.ptp(there) == 0.0:
+        return None
+    return float(spearmanr(here, there).statistic)
+
+
+def _open(
+    run: Run,
+    target: str | Application | None,
+    keywords: Mapping[str, Any],
+    agent: str | None,
+    workers: int,
+    executor: Executor | None,
+) -> OpenTarget:
+    options: dict[str, Any] = {"agent": agent, "workers": workers, "executor": executor}
+    if target is not None:
+        return OpenTarget.of(target, keywords, **options)
+    if run.given.by != "id":
+        raise UserError(
+            f"Expected a run of an id, whose keywords can change, got that of {run.folder} in an "
+            "application of yours. Describe the other world in a file of its own, and name that "
+            "by `sada-gym transfer --to FILE.toml`."
+        )
+    return run.open_changed(keywords, **options)
+
+
+def _own_agent(here: Target, target: str | Application | None) -> str | None:
+    """Return the run's agent where it is shipped for another track; None for that track's own."""
+    if target is None:
+        return here.agent
+    if not isinstance(target, str) or names_file(target):
+        return None
+    card = card_of(target)
+    known = () if card is None else (*agents.names(card.name), *fetchable(card.name))
+    return here.agent if here.agent in known else None
+
+
+def _check_agent(
+    agent: Any, keywords: Mapping[str, Any], targets: Sequence[str | Application]
+) -> None:
+    if agent is not None and not isinstance(agent, str):
+        raise UserTypeError(f"Expected an agent's name or file, got {agent!r}.")
+    if agent is not None and "agent" in keywords:
+        raise UserError("Expected the agent once, got it by agent and by env_kwargs.")
+    if agent is not None and any(isinstance(target, Application) for target in targets):
+        raise UserTypeError(
+            f"Expected an agent only with ids, got {agent!r} with an Application. Give it to the "
+            "application itself."
+        )
+
+
+def _listed(given: Any) -> list[Any]:
+    items = [given] if isinstance(given, str | Path | Application) else given
+    if not isinstance(items, Sequence) or not all(
+        isinstance(item, str | Path | Application) for item in items
+    ):
+        raise UserTypeError(f"Expected an id or an Application or a list of them, got {given!r}.")
+    return [str(item) if isinstance(item, Path) else item for item in items]
+
+
+def _json_path(out: str | Path) -> Path:
+    path = as_path(out, "the confirmation")
+    if path.suffix != ".json":
+        raise UserError(f"Expected a file that ends in .json, got {path}.")
+    return path
+
+
+def _check_same(path: Path, task: _Task) -> None:
+    """Raise a FileError where a file holds the confirmation of another world."""
+    if not path.exists():
+        return
+    old = read_model(path, Comparison)
+    if old.there != task.there.target:
+        raise FileError(
+            f"Expected {path} to hold a confirmation with {task.keywords}, got one with "
+            f"{old.keywords}. Name another file by --out (out=)."
+        )

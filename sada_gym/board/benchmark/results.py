@@ -1,0 +1,193 @@
+"""Results out of entries of the leaderboard: their runs by table, and the rows that sum them up."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from sada_gym import agents
+from sada_gym.board.benchmark.suite import ADVERSARIES, CONTROLS, Table, tables_of
+from sada_gym.board.results.entry import Entry, EntryResult
+from sada_gym.board.results.models import DISQUALIFYING, SeedResult, Tier, entry_name
+from sada_gym.board.results.rows import Row, RunSummary, rows_of_runs
+from sada_gym.experiment.differences import check_same_record
+from sada_gym.experiment.packages import in_order
+from sada_gym.experiment.record import slug
+from sada_gym.experiment.target import Target
+from sada_gym.foundations.registration import env_ids
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The runs of a table against one agent."""
+
+    table: Table
+    agent: str
+    runs: tuple[RunSummary, ...]
+
+    @property
+    def name(self) -> str:
+        """What files and places on pages are called by: `TABLE.AGENT`."""
+        return slug(f"{self.table.name}.{self.agent}".strip("."))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The table's title, and the agent's name if it has one."""
+        return (self.table.title, self.agent) if self.agent else (self.table.title,)
+
+    @property
+    def tracks(self) -> tuple[str, ...]:
+        """The tracks with runs."""
+        return tuple(dict.fromkeys(run.track for run in self.runs))
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """The figures over all tracks."""
+        return rows_of_runs(self.runs)
+
+    @cached_property
+    def by_track(self) -> dict[str, tuple[Row, ...]]:
+        """The figures on each track."""
+        return {
+            track: rows_of_runs([run for run in self.runs if run.track == track])
+            for track in self.tracks
+        }
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results of entries, put together in tables.
+
+    Attributes:
+        packages: The versions of the packages that took part in any run, by package.
+        targets: The agents that were attacked.
+        comparisons: Each table with each agent that it attacks.
+    """
+
+    packages: dict[str, tuple[str, ...]]
+    targets: tuple[Target, ...]
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def runs(self) -> tuple[RunSummary, ...]:
+        """All runs."""
+        return tuple(run for comparison in self.comparisons for run in comparison.runs)
+
+    def seeds_of(self, target: Target) -> list[int]:
+        """List the seeds of the runs that attack a target."""
+        return sorted({run.claims.seed for run in self.runs if run.experiment.target == target})
+
+    def find(self, table: str, agent: str) -> Comparison | None:
+        """Find the runs of a table against an agent."""
+        named = (c for c in self.comparisons if (c.table.name, c.agent) == (table, agent))
+        return next(named, None)
+
+    def rows_of(self, table: str, agent: str, track: str | None) -> tuple[Row, ...]:
+        """List the rows of one table and agent, over all tracks or on one."""
+        comparison = self.find(table, agent)
+        if comparison is None:
+            return ()
+        return comparison.rows if track is None else comparison.by_track.get(track, ())
+
+
+def results_of(
+    entries: Sequence[Entry], tables: Sequence[Table] = (), *, tier: Tier = "claimed"
+) -> Results:
+    """Put the results of entries together in tables, with intervals and ranks.
+
+    Args:
+        entries: The entries. Leave out the results that are outdated; see
+            `sada_gym.board.results.entry.Entry`.
+        tables: The tables. Each takes the results that were made by its rule against its agents;
+            none takes those of all rules.
+        tier: What to show: what all entries claim, or what the verifier found of those results
+            that it has seen.
+
+    Raises:
+        UserError: If two results attack different versions of a track or of its agent.
+    """
+    if not tables:
+        tables = tables_of(
+            {r.claimed.experiment.protocol.rule for e in entries for r in e.results.values()}
+        )
+    labels = _labels(entries)
+    targets: dict[tuple[str, str], Target] = {}
+    runs_of: dict[tuple[int, str], list[RunSummary]] = {}
+    versions: dict[str, set[str]] = {}
+    for entry in entries:
+        for result in entry.results.values():
+            experiment = result.claimed.experiment
+            target, verified = experiment.target, result.verified if tier == "verified" else None
+            showing = [i for i, table in enumerate(tables) if table.shows(experiment)]
+            seeds = list(_seeds(result, tier))
+            if not showing or not seeds:
+                continue
+            check_same_record(
+                f"results of one version of {target.track} and of its agent",
+                targets.setdefault((target.track, target.agent), target).model_dump(),
+                target.model_dump(),
+                "Leave those out that are outdated, or make them anew.",
+            )
+            for claims in seeds:
+                for name, version in claims.packages.items():
+                    versions.setdefault(name, set()).add(version)
+                summary = RunSummary(
+                    label=labels[entry.metadata.name],
+                    entry=entry.metadata.name,
+                    experiment=experiment.at(claims.seed),
+                    claims=claims,
+                    control=experiment.adversary.name in CONTROLS,
+                    disqualified=verified is not None
+                    and not DISQUALIFYING.isdisjoint(verified.flags),
+                )
+                for table in showing:
+                    runs_of.setdefault((table, target.agent), []).append(summary)
+    known = agents.names()
+    comparisons = tuple(
+        Comparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
+        for table, agent in sorted(runs_of, key=lambda key: (key[0], _place(key[1], known)))
+    )
+    attacked = dict.fromkeys((track, c.agent) for c in comparisons for track in c.tracks)
+    ordered = in_order({name: ", ".join(sorted(several)) for name, several in versions.items()})
+    return Results(
+        packages={name: tuple(sorted(versions[name])) for name in ordered},
+        targets=tuple(targets[key] for key in attacked),
+        comparisons=comparisons,
+    )
+
+
+def _labels(entries: Sequence[Entry]) -> dict[str, str]:
+    """Return each entry's label: its title, and its name too where another one has this title."""
+    times = Counter(entry.metadata.title for entry in entries)
+    labels = {}
+    for metadata in (entry.metadata for entry in entries):
+        name, title = metadata.name, metadata.title
+        is_clear = times[title] == 1 or name == entry_name(title)
+        labels[name] = title if is_clear else f"{title} [{name}]"
+    return labels
+
+
+def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
+    """Return the claims of each seed, with the verifier's measures and flags in its tier."""
+    if tier == "claimed":
+        yield from result.claimed.seeds
+    elif result.verified is not None:
+        measures = {seed.seed: seed.measures for seed in result.verified.seeds}
+        flags = tuple(f"{name}: {text}" for name, text in result.verified.flags.items())
+        for claims in result.claimed.seeds:
+            if claims.measures is None:
+                yield claims
+            elif claims.seed in measures:
+                changes = {"measures": measures[claims.seed], "flags": (*claims.flags, *flags)}
+                yield claims.model_copy(update=changes)
+
+
+def _run_order(run: RunSummary) -> tuple[tuple[int, str], tuple[int, str], int]:
+    return _place(run.track, env_ids()), _place(run.label, list(ADVERSARIES)), run.claims.seed
+
+
+def _place(name: str, names: Sequence[str]) -> tuple[int, str]:
+    """Return a key to sort by: known names in their order, then others."""
+    return (names.index(name) if name in names else len(names), name)

@@ -1,0 +1,340 @@
+"""What a benchmark compares: adversaries, tables with their budgets, tracks and seeds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Literal
+
+from pydantic import Field
+
+from sada_gym import adversaries, agents
+from sada_gym.adversaries.base import Adversary
+from sada_gym.board.results.models import MAX_SEEDS
+from sada_gym.board.results.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
+from sada_gym.errors import UserError, check_integer, check_known
+from sada_gym.evaluation.oracle import MAX_QUERIES
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.record import Experiment, Protocol
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.foundations.cards import ApplicationCard, SuiteCard, cards
+from sada_gym.foundations.files import Strict
+from sada_gym.foundations.ids import names_file
+
+
+class Budget(Strict):
+    """How many training queries an adversary may spend.
+
+    Attributes:
+        of_adversary: Another number for some adversaries, by registered name.
+        boosting_on_top: Whether boosting's samples come on top of N, as in the paper, or out of it.
+    """
+
+    queries: int = Field(ge=1)
+    of_adversary: dict[str, int] = Field(default_factory=dict)
+    boosting_on_top: bool = False
+
+    def of(self, name: str, adversary: Adversary | None) -> int:
+        """Return how many queries an adversary may spend; None as adversary is one not ours."""
+        if name == IDEAL:
+            return 0
+        if adversary is None:
+            return self.queries
+        queries = self.of_adversary.get(name, self.queries)
+        return queries + adversary.extra_queries(queries) * self.boosting_on_top
+
+
+class Table(Strict):
+    """One comparison: every adversary on every track under one rule for the budget.
+
+    Attributes:
+        name: The table's name on the command line; results carry it as the name of their rule.
+        note: What the table compares, in a sentence.
+        budget_of: Another rule for some applications, by name.
+        samples: M, the number of test samples; None takes each application's own.
+        agents: Whether to attack the default agent alone, all that are shipped, or the others; or
+            the names of those to attack.
+        adversaries: The labels of the adversaries that take part; None for all of the suite's.
+    """
+
+    name: str
+    title: str
+    note: str
+    budget: Budget
+    budget_of: dict[str, Budget] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=1)
+    agents: Literal["default", "all", "others"] | tuple[str, ...] = "default"
+    adversaries: tuple[str, ...] | None = None
+
+    def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
+        """Choose the agents to attack from those that an application ships."""
+        others = [agent for agent in shipped if agent != default]
+        if isinstance(self.agents, tuple):
+            return list(self.agents)
+        if self.agents == "others":
+            return others
+        return [default, *others] if self.agents == "all" else [default]
+
+    def shows(self, experiment: Experiment) -> bool:
+        """Say whether this table shows the results of an experiment."""
+        target = experiment.target
+        if experiment.protocol.rule != self.name:
+            return False
+        if isinstance(self.agents, tuple):
+            return target.agent in self.agents
+        default = is_default(target.application.name, target.agent)
+        return self.agents == "all" or default == (self.agents == "default")
+
+    def includes(self, label: str) -> bool:
+        """Say whether an adversary of the suite takes part."""
+        return self.adversaries is None or label in self.adversaries
+
+    def protocol(
+        self, target: OpenTarget, adversary: AdversarySpec, solver: Adversary | None
+    ) -> Protocol:
+        """Return the rules that an adversary, and its solver if it is ours, plays by."""
+        budget = self.budget_of.get(target.target.application.name, self.budget)
+        return Protocol(
+            rule=self.name,
+            budget=budget.of(adversary.name, solver),
+            samples=self.samples or target.sample_size,
+        )
+
+
+class Suite(Strict):
+    """Everything that one benchmark runs.
+
+    Attributes:
+        adversaries: The rows of the tables: the adversaries by label. All of ours by default.
+        seeds: The number of seeds on each track, unless `seeds_of` has another one.
+        images: The number of samples whose neighbours are compared as images too, on the first
+            seed; 0 for none.
+    """
+
+    name: str
+    tracks: tuple[str, ...]
+    tables: tuple[Table, ...]
+    adversaries: dict[str, AdversarySpec] = Field(default_factory=lambda: dict(ADVERSARIES))
+    seeds: int = Field(default=1, ge=1)
+    seeds_of: dict[str, int] = Field(default_factory=dict)
+    images: int = Field(default=4, ge=0)
+
+    def seeds_on(self, track: str) -> range:
+        """List the seeds of a track."""
+        return range(self.seeds_of.get(track, self.seeds))
+
+
+def _specs(*adversaries: str | tuple[str, str]) -> dict[str, AdversarySpec]:
+    pairs = [(given, None) if isinstance(given, str) else given for given in adversaries]
+    specs = [AdversarySpec(name=name, preset=preset) for name, preset in pairs]
+    return {spec.label: spec for spec in specs}
+
+
+ADVERSARIES: Mapping[str, AdversarySpec] = _specs(
+    *(IDEAL, "random", "memorise", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
+    *(("bbgan", "paper"), ("bbgan-boost", "paper"), "bbgan", "bbgan-boost"),
+    *("cross-entropy", "smc", "cma-mae", "trees", "level-set", "reinforce", "ppo", "sac", "td3"),
+)
+"""All rows by label: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
+
+_PAPER_ROWS = {label: ADVERSARIES[label] for label in ADVERSARIES if label in {IDEAL, *ROWS}}
+"""The rows that the paper's tables have, and the ideal."""
+
+CONTROLS = frozenset({IDEAL, "memorise"})
+"""The adversaries that have no rank, by name."""
+
+_PAPER_BUDGETS = Table(
+    name="paper-budgets",
+    title="The paper's budgets",
+    note="As in the paper: N queries for every adversary, another number for the Bayesian one; "
+    "boosting's samples come on top of N.",
+    budget=Budget(queries=1_000, boosting_on_top=True),
+    budget_of={
+        "SADA-Detection": Budget(
+            queries=20_000, of_adversary={"bayesian": 10_000}, boosting_on_top=True
+        )
+    },
+    agents="all",
+)
+_EQUAL_QUERIES = Table(
+    name="equal-queries",
+    title="Equal queries",
+    note="The same number of queries for every adversary, boosting and Bayesian included.",
+    budget=Budget(queries=2_000),
+    agents="all",
+)
+_OTHER_AGENTS = Table(
+    name="other-agents",
+    title="Other agents",
+    note="One or two adversaries of each kind against all agents but the default. Every adversary "
+    "gets 1,000 queries, and 2,000 on detection.",
+    budget=Budget(queries=1_000),
+    budget_of={"SADA-Detection": Budget(queries=2_000)},
+    agents="others",
+    adversaries=(
+        *(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "smc"),
+        *("trees", "level-set", "sac"),
+    ),
+)
+TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+"""All tables of the suites, by name."""
+
+
+def is_default(application: str, agent: str) -> bool:
+    """Say whether an agent is the default one; where none is shipped, every agent is."""
+    shipped = agents.names(application)
+    return not shipped or agent == shipped[0]
+
+
+def _against_the_default(table: Table) -> Table:
+    return table.model_copy(update={"agents": "default"})
+
+
+def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
+    return Suite(
+        name=suite.name,
+        tracks=card.track_ids,
+        tables=tuple(_against_the_default(TABLES[name]) for name in suite.tables),
+        seeds=suite.seeds,
+        seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
+        images=suite.images,
+    )
+
+
+_TABLE_1 = tuple(track for track in TABLE_1_COLUMNS.values() if track is not None)
+
+SUITES: tuple[Suite, ...] = (
+    *(_suite_of(card, card.suite) for card in cards() if card.suite is not None),
+    Suite(
+        name="quick",
+        tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
+        tables=(_against_the_default(_EQUAL_QUERIES),),
+    ),
+    Suite(
+        name="table-1",
+        tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
+        tables=(_against_the_default(_PAPER_BUDGETS),),
+        adversaries=_PAPER_ROWS,
+    ),
+    Suite(name="table-1-columns", tracks=_TABLE_1, tables=(_against_the_default(_PAPER_BUDGETS),)),
+    Suite(
+        name="agents",
+        tracks=tuple(
+            track
+            for card in cards()
+            if card.suite is not None and len(card.agents) > 1
+            for track in card.track_ids
+        ),
+        tables=(_OTHER_AGENTS,),
+        images=0,
+    ),
+)
+"""All suites: one for each application, and some that span several applications.
+
+`table-1` has the paper's rows in all columns. `table-1-columns` has all rows, but only in the
+columns that are single tracks, because 20,000 queries on each track of detection take long.
+"""
+
+
+def find_suite(name: str) -> Suite:
+    """Find a suite by its name; an unknown one is a ValueError."""
+    check_known("suite", [name], [suite.name for suite in SUITES])
+    return next(suite for suite in SUITES if suite.name == name)
+
+
+def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
+    """Return the tables of some rules: ours, and a plain one for any other rule."""
+    ours = [table for name, table in TABLES.items() if name in rules]
+    plain = [
+        Table(name=rule, title=rule, note="", budget=Budget(queries=1), agents="all")
+        for rule in sorted(set(rules) - set(TABLES))
+    ]
+    return (*ours, *plain)
+
+
+def find_adversary(text: str) -> tuple[str, AdversarySpec]:
+    """Find an adversary and its label by a label, a name, `name:preset`, or `module:Class`.
+
+    An unknown name is a ValueError. A preset or class is only checked by `make`.
+    """
+    if text in ADVERSARIES:
+        return text, ADVERSARIES[text]
+    name, colon, preset = text.partition(":")
+    if not colon:
+        check_known("adversary", [text], [*ADVERSARIES, "module:Class"])
+    if name not in adversaries.names():
+        return text, AdversarySpec(name=text)
+    spec = AdversarySpec(name=name, preset=None if preset == "default" else preset)
+    return spec.label, spec
+
+
+def choose(
+    suite: Suite,
+    *,
+    tracks: Sequence[str] = (),
+    tables: Sequence[str] = (),
+    chosen: Sequence[str] = (),
+    agents: Sequence[str] = (),
+    seeds: int | None = None,
+    budget: int | None = None,
+    samples: int | None = None,
+    images: int | None = None,
+) -> Suite:
+    """Narrow or change a suite as the command line does; what is not given stays.
+
+    `chosen` are adversaries, each as `find_adversary` takes it. The agents, seeds, budget and
+    samples are those of every table and track; where boosting comes on top of the budget it still
+    does.
+
+    Raises:
+        ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
+            range.
+    """
+    for name, value, minimum, maximum in (
+        ("seeds", seeds, 1, MAX_SEEDS),
+        ("budget", budget, 1, MAX_QUERIES),
+        ("samples", samples, 1, MAX_QUERIES),
+        ("images", images, 0, None),
+    ):
+        if value is not None:
+            check_integer(name, value, minimum, maximum)
+    for file in filter(names_file, tracks):
+        raise UserError(
+            f"Expected tracks that are ids of environments, got the file {file}. Attack it by "
+            "sada-gym attack."
+        )
+    check_known("table", tables, [table.name for table in suite.tables])
+    changes: dict[str, Any] = {
+        "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,
+        "tables": tuple(
+            _changed(table, tuple(dict.fromkeys(agents)), budget, samples)
+            for table in suite.tables
+            if not tables or table.name in tables
+        ),
+    }
+    if chosen:
+        pairs = [find_adversary(text) for text in dict.fromkeys(chosen)]
+        for label, times in Counter(label for label, _ in pairs).items():
+            if times > 1:
+                raise UserError(
+                    f"Expected distinct adversaries, got {label!r} twice. Name it once."
+                )
+        changes["adversaries"] = dict(pairs)
+    if seeds is not None:
+        changes |= {"seeds": seeds, "seeds_of": {}}
+    if images is not None:
+        changes["images"] = images
+    return suite.model_copy(update=changes)
+
+
+def _changed(
+    table: Table, agents: tuple[str, ...], budget: int | None, samples: int | None
+) -> Table:
+    changes: dict[str, Any] = {} if samples is None else {"samples": samples}
+    if agents:
+        changes["agents"] = agents
+    if budget is not None:
+        rule = Budget(queries=budget, boosting_on_top=table.budget.boosting_on_top)
+        changes |= {"budget": rule, "budget_of": {}}
+    return table.model_copy(update=changes)

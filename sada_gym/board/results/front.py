@@ -1,0 +1,221 @@
+"""The chart of AFR against coverage, with the front: who is beaten by nobody in both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from sada_gym.board.results.families import FAMILIES, Family, family_of
+from sada_gym.board.results.figures import Figure
+from sada_gym.board.results.labels import place_labels
+from sada_gym.board.results.rows import Row, front_of
+
+WIDTH, HEIGHT = 800, 560
+_LEFT, _RIGHT, _TOP, _BOTTOM = 56, WIDTH - 8, 50, HEIGHT - 68
+_LETTER, _LINE = 7.4, 15.0  # a letter's usual width and a line's height, of 13 px text
+_LEADER_FROM = 22.0
+_MARKS = {
+    "s": "M-5 -5H5V5H-5Z",
+    "o": "M-5.5 0A5.5 5.5 0 1 0 5.5 0A5.5 5.5 0 1 0 -5.5 0Z",
+    "^": "M0 -6.5L6.5 5H-6.5Z",
+    "v": "M0 6.5L6.5 -5H-6.5Z",
+    "D": "M0 -7L6 0L0 7L-6 0Z",
+}
+_STYLE = """\
+svg { background: #fff; font: 13px system-ui, "DejaVu Sans", sans-serif; }
+text { fill: #1d2329; } .grid { stroke: #e3e1dc; } .tick, .axis, .title { fill: #5d6873; }
+.tick { font-size: 12px; } .leader, .interval { stroke: #5d6873; opacity: .45; }
+.steps { fill: none; stroke: #b23a0a; stroke-width: 1.5; stroke-dasharray: 5 4; opacity: .7; }
+.dot { stroke: #fff; stroke-width: 1.2; } .best text { font-weight: 650; }
+.control text { font-style: italic; }
+"""
+
+
+@dataclass(frozen=True)
+class Point:
+    """An adversary.
+
+    Attributes:
+        front: Whether no other ranked adversary has both a higher AFR and a higher coverage.
+        x: Its place in pixels from the left; coverage grows to the right.
+        y: Its place in pixels from the top; the AFR grows upwards.
+        bars: The ends of its 95 % intervals, (x1, y1, x2, y2).
+        label_x: The middle of its label; so is `label_y`.
+    """
+
+    row: Row
+    coverage: Figure
+    afr: Figure
+    front: bool
+    x: float
+    y: float
+    bars: tuple[tuple[float, float, float, float], ...]
+    label_x: float
+    label_y: float
+
+    @property
+    def family(self) -> Family:
+        """The family that it is drawn as."""
+        return family_of(self.row.label)
+
+    @property
+    def title(self) -> str:
+        """Its figures in words."""
+        afr, coverage = f"{100 * self.afr.value:.1f} %", f"{100 * self.coverage.value:.1f} %"
+        return f"{self.row.label}: AFR {afr}, coverage {coverage} of ideal"
+
+
+@dataclass(frozen=True)
+class Chart:
+    """The chart, laid out.
+
+    Attributes:
+        front: Those on the front, from the highest AFR to the highest coverage.
+        end: The highest coverage that there is room for, as a share.
+        floor: The AFR at the lower end of the chart, as a share.
+    """
+
+    title: str
+    points: tuple[Point, ...]
+    front: tuple[Point, ...]
+    end: float
+    floor: float
+
+    @property
+    def summary(self) -> str:
+        """The front in words."""
+        names = ", ".join(point.row.label for point in self.front)
+        if not names:
+            return ""
+        return f"On the front, from the highest AFR to the highest coverage: {names}."
+
+    def svg(self, root: str | None = None) -> str:
+        """Return the chart as SVG.
+
+        Args:
+            root: The way from a page to the site's root, for a chart within a page: its points then
+                lead to the entries, and the page's style sheet applies. None for a file.
+        """
+        size = f'viewBox="0 0 {WIDTH} {HEIGHT}"'
+        if root is None:
+            size += f' xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}"'
+        label = escape(f"{self.title}. {self.summary}".strip())
+        parts = [f'<svg {size} role="img" aria-label="{label}">']
+        if root is None:
+            parts += [f"<style>\n{_STYLE}</style>", _text(_LEFT, 20, "title", self.title)]
+        parts += [*self._grid(), *self._steps()]
+        for point in self.points:
+            parts += _drawn(point, root)
+        return "\n".join((*parts, *self._legend(), "</svg>")) + "\n"
+
+    def _grid(self) -> Iterator[str]:
+        step = 0.2 if self.end <= 1.4 else 0.5
+        for share in np.arange(0.0, self.end + 1e-9, step):
+            x = _across(share, self.end)
+            yield f'<line class="grid" x1="{x}" x2="{x}" y1="{_TOP}" y2="{_BOTTOM}"/>'
+            yield _text(x, _BOTTOM + 18, "tick", f"{100 * share:.0f}", "middle")
+        for share in np.arange(self.floor, 1.0 + 1e-9, 0.2 if self.floor < 0.4 else 0.1):
+            y = _up(share, self.floor)
+            yield f'<line class="grid" x1="{_LEFT}" x2="{_RIGHT}" y1="{y}" y2="{y}"/>'
+            yield _text(_LEFT - 8, y + 4, "tick", f"{100 * share:.0f}", "end")
+        across = "coverage of the known failures, % of ideal →"
+        yield _text(_RIGHT, _BOTTOM + 36, "axis", across, "end")
+        yield _text(_LEFT, _TOP - 8, "axis", "↑ attack fooling rate, %")
+
+    def _steps(self) -> Iterator[str]:
+        """Draw the border of what the front dominates."""
+        if self.front:
+            first, *others = self.front
+            path = f"M{_LEFT} {first.y} H{first.x}"
+            path += "".join(f" V{point.y} H{point.x}" for point in others)
+            yield f'<path class="steps" d="{path} V{_BOTTOM}"/>'
+
+    def _legend(self) -> Iterator[str]:
+        x = float(_LEFT)
+        shown = {point.family for point in self.points}
+        for family in FAMILIES:
+            if family in shown:
+                yield _mark(family, x + 6, HEIGHT - 14)
+                yield _text(x + 16, HEIGHT - 10, "axis", family.name)
+                x += 36 + _LETTER * len(family.name)
+
+
+def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
+    """Lay out the adversaries that have both figures; None where fewer than two have."""
+    shown = [
+        (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage
+    ]
+    if len(shown) < 2:
+        return None
+    end = max(1.0, *(_ends(coverage)[1] for _, coverage, _ in shown))
+    lowest = min(_ends(afr)[0] for _, _, afr in shown)
+    floor = max(0.0, math.floor(10 * lowest - 0.5) / 10)
+    places = [(_across(coverage.value, end), _up(afr.value, floor)) for _, coverage, afr in shown]
+    sizes = np.array([(_LETTER * len(row.label), _LINE) for row, _, _ in shown])
+    labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
+    front = front_of(rows)
+    points = []
+    for (row, coverage, afr), (x, y), label in zip(shown, places, labels.tolist(), strict=True):
+        bars = []
+        if coverage.interval_95:
+            low, high = coverage.interval_95
+            bars.append((_across(max(low, 0.0), end), y, _across(high, end), y))
+        if afr.interval_95:
+            low, high = afr.interval_95
+            bars.append((x, _up(max(low, 0.0), floor), x, _up(min(high, 1.0), floor)))
+        label_x, label_y = (round(middle, 1) for middle in label)
+        is_on_front = front.get(row.entry, False)
+        points.append(Point(row, coverage, afr, is_on_front, x, y, tuple(bars), label_x, label_y))
+    on_front = sorted((point for point in points if point.front), key=lambda point: point.x)
+    return Chart(title, tuple(points), tuple(on_front), end, floor)
+
+
+def _ends(figure: Figure) -> tuple[float, float]:
+    return figure.interval_95 or (figure.value, figure.value)
+
+
+def _across(coverage: float, end: float) -> float:
+    return round(_LEFT + (_RIGHT - _LEFT) * float(coverage) / (end * 1.12), 1)
+
+
+def _up(rate: float, floor: float) -> float:
+    share = (float(rate) - floor) / (1.0 - floor)
+    return round(_BOTTOM - (_BOTTOM - _TOP) * share / 1.06, 1)
+
+
+def _drawn(point: Point, root: str | None) -> Iterator[str]:
+    kinds = ("control" if point.row.control else "", "best" if point.front else "")
+    classes, title = " ".join(filter(None, ("point", *kinds))), escape(point.title)
+    if root is None:
+        yield f'<g class="{classes}">'
+    else:
+        href = escape(f"{root}entries/{point.row.entry}.html")
+        yield f'<a href="{href}" class="{classes}" aria-label="{title}">'
+    yield f"<title>{title}</title>"
+    for x1, y1, x2, y2 in point.bars:
+        yield f'<line class="interval" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>'
+    dx, dy = point.label_x - point.x, point.label_y - point.y
+    edge_x = max(abs(dx) - _LETTER * len(point.row.label) / 2, 0.0)
+    edge_y = max(abs(dy) - _LINE / 2, 0.0)
+    if np.hypot(edge_x, edge_y) > _LEADER_FROM:
+        x, y = point.x + np.sign(dx) * edge_x, point.y + np.sign(dy) * edge_y
+        yield f'<line class="leader" x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"/>'
+    yield _mark(point.family, point.x, point.y)
+    yield _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
+    yield "</g>" if root is None else "</a>"
+
+
+def _mark(family: Family, x: float, y: float) -> str:
+    shape = f'd="{_MARKS[family.marker]}" fill="{family.colour}"'
+    return f'<path class="dot" transform="translate({x} {y})" {shape}/>'
+
+
+def _text(x: float, y: float, kind: str, text: str, anchor: str = "start") -> str:
+    attribute = f' class="{kind}"' if kind else ""
+    return (
+        f'<text{attribute} x="{x}" y="{round(y, 1)}" text-anchor="{anchor}">{escape(text)}</text>'
+    )

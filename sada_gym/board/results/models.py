@@ -1,0 +1,210 @@
+"""The contents of an entry's files: who made it, its claims, and what the verifier found."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, ValidationError, model_validator
+from typing_extensions import Self
+
+from sada_gym.board.results.samples import Samples, samples_sha256
+from sada_gym.errors import UserError, is_plain, plain
+from sada_gym.experiment.measure import Measures, Search
+from sada_gym.experiment.record import Experiment, RunFailure, RunReport, slug
+from sada_gym.foundations.files import OneLine, Strict, first_error
+
+FORMAT = 2  #: The version of an entry's files. Raise it when they change.
+MAX_SEEDS = 100  #: The most seeds of a result.
+MAX_ERROR = 2_000  #: The most characters of a seed's error.
+
+DISQUALIFYING = frozenset({"claim", "constant", "copied"})
+"""The verifier's flags that take a result's rank: its figures do not say what they seem to say."""
+
+Tier = Literal["claimed", "verified"]
+"""How far a result was checked. Another tier will hold results whose queries a judge counted."""
+
+_MAX_TEXT = 200
+
+
+def entry_name(label: str) -> str:
+    """Derive an entry's name from what reports call its adversary."""
+    return slug(label).lower().strip("._+-")
+
+
+def _validate_name(name: str) -> str:
+    # no capitals: some file systems do not tell them apart
+    if not re.fullmatch(r"[a-z0-9][a-z0-9._+-]{0,63}", name) or name.endswith((".", ".tmp")):
+        raise ValueError(
+            f"expected a name of at most 64 small letters, digits and - + . _, got {name!r}"
+        )
+    return name
+
+
+EntryName = Annotated[str, AfterValidator(_validate_name)]
+ShortLine = Annotated[OneLine, Field(max_length=_MAX_TEXT)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class EntryMetadata(Strict):
+    """Who made an entry, and what it is called: entry.toml.
+
+    Attributes:
+        name: The name of the entry and of its folder: small letters, digits and `- + . _`.
+        title: What the board calls it; empty takes the name.
+        licence: The licence of its data, as SPDX names it.
+        command: How the results are made; empty takes the command of the first run.
+    """
+
+    format: int = Field(default=FORMAT, ge=FORMAT, le=FORMAT)
+    name: EntryName
+    title: ShortLine = ""
+    authors: tuple[ShortLine, ...] = Field(max_length=50)
+    licence: ShortLine
+    paper: ShortLine = ""
+    repository: ShortLine = ""
+    command: Annotated[OneLine, Field(max_length=1_000)] = ""
+
+
+class SeedResult(Strict):
+    """What a result claims of one seed.
+
+    Attributes:
+        error: Why the adversary could not do its work; None where it did.
+        measures: The measures of the test samples; None after an error.
+        search: What the training queries found; None where they are not known.
+    """
+
+    seed: int = Field(ge=0, lt=2**63)
+    queries: int = Field(ge=0)
+    error: Annotated[OneLine, Field(max_length=MAX_ERROR)] | None = None
+    measures: Measures | None
+    search: Search | None = None
+    flags: tuple[OneLine, ...] = Field(default=(), max_length=50)
+    packages: dict[ShortLine, ShortLine] = Field(default_factory=dict, max_length=50)
+
+    @classmethod
+    def of(cls, report: RunReport | RunFailure) -> Self:
+        """Return what a run claims."""
+        settings = report.settings
+        if isinstance(report, RunFailure):
+            # an adversary of a user's own may raise with any text
+            error = plain(" ".join(report.error.split()))[:MAX_ERROR]
+            packages = settings.packages
+            return cls(seed=settings.seed, queries=0, error=error, measures=None, packages=packages)
+        return cls(
+            seed=settings.seed,
+            queries=report.search.queries,
+            measures=report.measures(),
+            search=report.search,
+            flags=report.flags,
+            packages=settings.packages,
+        )
+
+
+class Result(Strict):
+    """What an entry claims of one experiment without a seed, seed by seed in ascending order."""
+
+    experiment: Experiment
+    sha256: Sha256
+    seeds: tuple[SeedResult, ...] = Field(max_length=MAX_SEEDS)
+
+    @classmethod
+    def make(cls, experiment: Experiment, seeds: Iterable[SeedResult]) -> Self:
+        """Make the result of an experiment, whatever its seed is; seeds may come in any order.
+
+        A name that is too long or not printable is a UserError.
+        """
+        experiment = experiment.at(None)
+        ordered = sorted(seeds, key=lambda claims: claims.seed)
+        try:
+            return cls(experiment=experiment, sha256=experiment.sha256, seeds=tuple(ordered))
+        except ValidationError as error:
+            reason = first_error(error).removeprefix("the file: Value error, ")
+            raise UserError(
+                f"Expected an experiment that an entry can describe, but {reason}. Give the "
+                "track, the agent, the adversary and the rule shorter names."
+            ) from error
+
+    @model_validator(mode="after")
+    def _check_experiment(self) -> Self:
+        experiment, target = self.experiment, self.experiment.target
+        if experiment.seed is not None:
+            raise ValueError(
+                f"expected no seed of the experiment of all seeds, got {experiment.seed}"
+            )
+        for name, text in (
+            ("track", target.track),
+            ("agent", target.agent),
+            ("application", target.application.name),
+            ("fingerprint", target.application.fingerprint),
+            ("adversary", experiment.adversary.name),
+            ("preset", experiment.adversary.preset or ""),
+            ("rule", experiment.protocol.rule),
+        ):
+            if not is_plain(text) or len(text) > _MAX_TEXT:
+                raise ValueError(
+                    f"expected the {name} in one line of at most {_MAX_TEXT} characters, got "
+                    f"{text[:_MAX_TEXT]!r}"
+                )
+        return self
+
+
+class ClaimedResults(Strict):
+    """GROUP.json: the results of an entry on the tracks of one application, by ascending place."""
+
+    format: int
+    results: tuple[Result, ...]
+
+
+class VerifiedSeed(Strict):
+    """A seed's measures on fresh evaluation seeds; without novelty, which needs the queries."""
+
+    seed: int
+    measures: Measures
+
+
+class Verified(Strict):
+    """What the verifier found of a result.
+
+    Attributes:
+        samples_sha256: The SHA-256 of its samples; with other samples it counts no longer.
+        salt: The names that went into the fresh evaluation seeds: of the entry, and of the result.
+        nonce: What made the evaluation seeds fresh.
+        flags: What speaks against the result, each by its name and a sentence.
+    """
+
+    sha256: Sha256
+    samples_sha256: Sha256
+    salt: tuple[ShortLine, ShortLine]
+    nonce: ShortLine
+    seeds: tuple[VerifiedSeed, ...]
+    flags: dict[str, OneLine]
+
+    @classmethod
+    def make(
+        cls,
+        claimed: Result,
+        samples: Samples,
+        salt: tuple[str, str],
+        nonce: str,
+        seeds: Iterable[VerifiedSeed] = (),
+        flags: Mapping[str, str] | None = None,
+    ) -> Self:
+        """Record findings with the digests of the experiment and the samples that they are of."""
+        return cls(
+            sha256=claimed.sha256,
+            samples_sha256=samples_sha256(samples),
+            salt=salt,
+            nonce=nonce,
+            seeds=tuple(seeds),
+            flags=dict(flags or {}),
+        )
+
+
+class VerifiedResults(Strict):
+    """GROUP.verified.json: what the verifier found of the results in GROUP.json, by place."""
+
+    format: int
+    results: dict[str, Verified]

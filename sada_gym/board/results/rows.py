@@ -1,0 +1,244 @@
+"""An adversary's figures in a table: over the seeds and tracks of its runs, with its rank."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from sada_gym.board.results.f1 import f1_figure
+from sada_gym.board.results.figures import Figure, figure, ranks_of
+from sada_gym.board.results.models import SeedResult
+from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.names import IDEAL
+from sada_gym.experiment.record import Experiment
+from sada_gym.foundations.files import Strict
+from sada_gym.measures.statistics import interquartile_mean
+
+T = TypeVar("T")
+
+
+class RunSummary(Strict):
+    """One run: a seed of a result, as tables show it.
+
+    Attributes:
+        label: What reports call the adversary.
+        entry: The name of the entry.
+        experiment: The experiment, with its seed.
+        claims: What the entry claims; in the verifier's tier its measures, and its flags too.
+        control: Whether the adversary is a control, which has no rank.
+        disqualified: Whether the verifier found what takes the rank: see `DISQUALIFYING`.
+    """
+
+    label: str
+    entry: str
+    experiment: Experiment
+    claims: SeedResult
+    control: bool
+    disqualified: bool
+
+    @property
+    def track(self) -> str:
+        """The environment's id."""
+        return self.experiment.target.track
+
+    @property
+    def samples(self) -> int:
+        """The number of test samples, M."""
+        return self.experiment.protocol.samples
+
+    @property
+    def measures(self) -> Measures | None:
+        """The measures of the test samples; None after an error."""
+        return self.claims.measures
+
+
+class Row(Strict):
+    """An adversary's figures in a table: on one track, or over all.
+
+    Attributes:
+        label: What tables call the adversary.
+        entry: The name of its entry.
+        control: Whether it is a control, which has no rank.
+        disqualified: Whether the verifier found what takes its rank on any of these tracks.
+        tracks: The number of tracks that it has runs on.
+        runs: The number of its runs.
+        failed: The number of further runs that ended with an error.
+        complete: Whether it has runs on all tracks that any adversary has, and none that failed.
+            Only then it is ranked.
+        rank: `1`, or shared `1=`, by F1; by AFR where a track has no coverage. None for controls,
+            and for what is incomplete or disqualified.
+        budget: The queries that it might spend. This figure and the next ones are means.
+        queries: The queries that it spent.
+        f1: How often its samples fool and how much they cover, joined; see `board.results.f1`.
+            None where a track has no coverage.
+        afr: The attack fooling rate. See `Measures`, also for the next figures.
+        afr_iqm: Its interquartile mean over all runs.
+        means: The means of `MEANS`, by name; None where no run has the measure.
+    """
+
+    label: str
+    entry: str
+    control: bool
+    disqualified: bool
+    tracks: int
+    runs: int
+    failed: int
+    complete: bool
+    rank: str | None
+    budget: float
+    queries: float | None
+    f1: Figure | None
+    afr: Figure | None
+    afr_iqm: float | None
+    coverage: Figure | None
+    relative_coverage: Figure | None
+    means: dict[str, float | None]
+
+    @property
+    def deciding(self) -> Figure | None:
+        """The figure that orders the table: F1, or the AFR where there is none."""
+        return self.f1 or self.afr
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it has rank 1, shared or not."""
+        return self.rank in ("1", "1=")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure that rows give: how it is read off a run and how tables show it.
+
+    Attributes:
+        read: Reads it off a run's measures; None where the run has none.
+        title: The column's title; empty for no column.
+        places: Decimal places; None shows per cent.
+        hint: A sentence that explains it.
+        optional: Whether a table leaves the column out where no row has the measure; the legend
+            then explains it where one has.
+    """
+
+    read: Callable[[Measures], float | None]
+    title: str = ""
+    places: int | None = None
+    hint: str = ""
+    optional: bool = False
+
+
+MEANS: Mapping[str, Measure] = {
+    "density": Measure(lambda m: m.density, "density", 2),
+    "mu_std": Measure(
+        lambda m: m.mu_std, "μ_std", 3, "The spread of the samples; 0.577 where they are uniform."
+    ),
+    "mean_score": Measure(lambda m: m.mean_score, "mean Q", 3),
+    "novelty": Measure(lambda m: m.novelty.median if m.novelty else None, "novelty", 3),
+    "novelty_ratio": Measure(
+        lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2
+    ),
+    "novelty_fifth_ratio": Measure(lambda m: m.novelty.fifth_ratio if m.novelty else None),
+    "image_novelty_ratio": Measure(
+        lambda m: m.image_novelty.ratio if m.image_novelty else None, "image novelty / ideal", 2
+    ),
+    "afr_feasible": Measure(
+        lambda m: m.feasible.afr if m.feasible else None,
+        "AFR, feasible, %",
+        hint="AFR, feasible: the AFR over those samples whose worlds a privileged agent masters.",
+        optional=True,
+    ),
+}
+"""The measures that rows give the mean of; tables have a column for each that has a title."""
+
+
+def rows_of_runs(runs: Sequence[RunSummary]) -> tuple[Row, ...]:
+    """Sum up runs of one table and agent, on one track or on several, with ranks.
+
+    Rows have a rank by F1. Where some track of the rows has no coverage, as without a reference
+    set, there is no F1, and the rank is by AFR. The AFR of ideal samples is that of the control
+    `ideal` on the track; without its runs it counts as 100 %.
+    """
+    measured = [(run, run.measures) for run in runs if run.measures is not None]
+    tracks = {run.track for run in runs}
+    covered = {run.track for run, measures in measured if measures.relative_coverage is not None}
+    is_ideal = {run.entry for run in runs if run.experiment.adversary.name == IDEAL}
+    ideal = _by_track([(run, m.afr) for run, m in measured if run.entry in is_ideal])
+    ideal_afr = {name: float(np.mean(rates)) for name, rates in ideal.items()}
+    rows = []
+    for entry in dict.fromkeys(run.entry for run in runs):
+        own = [run for run in runs if run.entry == entry]
+        rows.append(_row(own, tracks, ideal_afr if covered == tracks else None))
+    return tuple(_ranked(rows))
+
+
+def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
+    by_track: dict[str, list[T]] = {}
+    for run, value in values:
+        by_track.setdefault(run.track, []).append(value)
+    return by_track
+
+
+def _row(
+    runs: Sequence[RunSummary], tracks: set[str], ideal_afr: Mapping[str, float] | None
+) -> Row:
+    """Sum up the runs of one entry; without `ideal_afr` there is no F1."""
+    first = runs[0]
+    good = [(run, run.measures) for run in runs if run.measures is not None]
+
+    def measured(read: Callable[[Measures], float | None]) -> list[list[float]]:
+        values = [(run, value) for run, m in good if (value := read(m)) is not None]
+        return list(_by_track(values).values())
+
+    def mean(values: Sequence[Sequence[float]]) -> float | None:
+        return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
+
+    rates = measured(lambda m: m.afr)
+    samples = {run.track: run.samples for run, _ in good}
+    has_f1 = ideal_afr is not None and all(m.relative_coverage is not None for _, m in good)
+    return Row(
+        label=first.label,
+        entry=first.entry,
+        control=first.control,
+        tracks=len(rates),
+        runs=len(good),
+        failed=len(runs) - len(good),
+        disqualified=any(run.disqualified for run in runs),
+        complete=len(good) == len(runs) and {run.track for run, _ in good} == tracks,
+        budget=float(np.mean([run.experiment.protocol.budget for run in runs])),
+        queries=mean([[run.claims.queries] for run, _ in good]),
+        rank=None,
+        f1=f1_figure(_by_track(good), samples, ideal_afr or {}) if has_f1 else None,
+        afr=figure(rates, list(samples.values())),
+        afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
+        coverage=figure(measured(lambda m: m.coverage)),
+        relative_coverage=figure(measured(lambda m: m.relative_coverage)),
+        means={name: mean(measured(measure.read)) for name, measure in MEANS.items()},
+    )
+
+
+def _ranked(rows: Sequence[Row]) -> Iterator[Row]:
+    """Rank the rows of one table, agent and track by F1, or by AFR where none has F1."""
+    by = "f1" if any(row.f1 for row in rows) else "afr"
+    figures = {row.entry: value for row in rows if (value := getattr(row, by)) is not None}
+    unranked = {row.entry for row in rows if row.control or row.disqualified or not row.complete}
+    ranks = ranks_of(figures, unranked & figures.keys())
+    for row in rows:
+        yield row.model_copy(update={"rank": ranks.get(row.entry)})
+
+
+def front_of(rows: Iterable[Row]) -> dict[str, bool]:
+    """Say which entries no other one beats in both AFR and coverage.
+
+    Returns:
+        Whether an entry is on the front, for each complete one with both figures; no controls.
+    """
+    points = {
+        row.entry: (row.afr.value, row.relative_coverage.value)
+        for row in rows
+        if not row.control and row.complete and row.afr and row.relative_coverage
+    }
+    return {
+        entry: not any(a > afr and c > coverage for a, c in points.values())
+        for entry, (afr, coverage) in points.items()
+    }

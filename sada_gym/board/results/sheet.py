@@ -1,0 +1,284 @@
+"""A table of results: typed cells, which give Markdown, HTML, CSV and JSON alike."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from typing import Literal
+
+from sada_gym.board.results.figures import Figure
+
+Kind = Literal["ranked", "unranked", "control", "paper", "reference"]
+"""What a row is. All but entries are grey: controls, the paper's numbers and reference sets."""
+
+SHADES = 10
+"""The number of shades of a cell that stands for a rate, beside 0 for none."""
+
+_LONG = 28  # letters from which a cell may wrap
+_FILTERED = 5  # lines above which a page offers filters
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column.
+
+    Attributes:
+        key: Its name in the CSV and JSON files.
+        title: Its title.
+        hint: A sentence that explains it.
+        numeric: Whether its cells are numbers.
+        choice: Whether the page offers to show the rows of one value alone.
+        blank: What Markdown shows where there is nothing.
+    """
+
+    key: str
+    title: str
+    hint: str = ""
+    numeric: bool = True
+    choice: bool = False
+    blank: str = "-"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell.
+
+    Attributes:
+        text: What readers see.
+        value: What files hold and what rows are sorted by; None for nothing.
+        note: A smaller text behind the first.
+        interval: The ends of a 95 % interval, as shares.
+        places: The decimal places of the interval, which is shown in per cent.
+        href: The page that the cell leads to.
+        shade: How dark its background is, from 0 to `SHADES`.
+        marks: Short words that stand out, such as the names of flags.
+        bold: Whether Markdown shows the text in bold.
+    """
+
+    text: str = ""
+    value: float | str | None = None
+    note: str = ""
+    interval: tuple[float, float] | None = None
+    places: int = 1
+    href: str = ""
+    shade: int = 0
+    marks: tuple[str, ...] = ()
+    bold: bool = False
+
+    def markdown(self) -> str:
+        """Return the cell as Markdown: the text, then the interval or the note in brackets."""
+        text = f"**{self.text}**" if self.bold else self.text
+        note = self._ends(" to ") or self.note
+        return f"{text} ({note})".strip() if note else text
+
+    def html(self, root: str) -> str:
+        """Return the cell's content as HTML.
+
+        Args:
+            root: The way from the page to the site's root, such as `../`.
+        """
+        text = escape(self.text)
+        if self.href:
+            marks = "".join(f' <span class="mark">{escape(mark)}</span>' for mark in self.marks)
+            text = f'<a href="{escape(root + self.href)}">{text}{marks}</a>'
+        note = self._ends(" – ") or self.note  # noqa: RUF001
+        return f"{text} <small>{escape(note)}</small>" if note else text
+
+    def _ends(self, between: str) -> str:
+        ends = (f"{100 * end:.{self.places}f}" for end in self.interval or ())
+        return between.join(ends)
+
+
+BLANK = Cell()
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of a sheet: its cells by the columns' keys; columns that are missing stay blank."""
+
+    kind: Kind
+    cells: Mapping[str, Cell]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table of results; `name` is that of its files, without ending."""
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """The kinds of rows that there are."""
+        return frozenset(line.kind for line in self.lines)
+
+    def markdown(self) -> Iterator[str]:
+        """Return the lines of a Markdown table."""
+        yield _markdown_line(column.title for column in self.columns)
+        yield _markdown_line("---" for _ in self.columns)
+        for line in self.lines:
+            yield _markdown_line(
+                (line.cells.get(column.key, BLANK).markdown() or column.blank)
+                for column in self.columns
+            )
+
+    def html(self, root: str = "") -> str:
+        """Return the table as HTML, with links to its files.
+
+        Args:
+            root: The way from the page to the site's root, such as `../`.
+        """
+        title, files = escape(self.title), escape(f"{root}data/{self.name}")
+        filters = " data-filters" if len(self.lines) > _FILTERED else ""
+        return (
+            '<div class="sheet">\n<div class="bar">\n<span class="filters" hidden></span>\n'
+            f'<span class="downloads">Download <a href="{files}.csv" download>CSV</a> '
+            f'<a href="{files}.json" download>JSON</a></span>\n</div>\n'
+            f'<div class="scroll" tabindex="0" role="region" aria-label="{title}">\n'
+            f'<table class="board"{filters}>\n<caption>{title}</caption>\n'
+            f"<thead><tr>\n{''.join(self._html_heads())}</tr></thead>\n"
+            f"<tbody>\n{''.join(self._html_line(line, root) for line in self.lines)}</tbody>\n"
+            f"</table>\n</div>\n</div>\n"
+        )
+
+    def csv(self) -> bytes:
+        """Return the table as CSV."""
+        buffer = io.StringIO()
+        writer = csv.DictWriter(buffer, self._fields())
+        writer.writeheader()
+        for record in self._records():
+            writer.writerow({key: _no_formula(value) for key, value in record.items()})
+        return buffer.getvalue().encode()
+
+    def json(self) -> bytes:
+        """Return the table as JSON: a list with an object for each row."""
+        records = list(self._records())
+        text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
+        return f"{text}\n".encode()
+
+    def _names_row(self, column: Column) -> bool:
+        return column.key == "entry" or (column == self.columns[0] and not column.numeric)
+
+    def _html_class(self, column: Column, *more: str) -> str:
+        name = "name" if self._names_row(column) else ""
+        classes = ("number" if column.numeric else "text", name, *more)
+        return f'class="{" ".join(filter(None, classes))}"'
+
+    def _html_heads(self) -> Iterator[str]:
+        for column in self.columns:
+            choice = " data-choice" if column.choice else ""
+            hint = f' title="{escape(column.hint)}"' if column.hint else ""
+            heading = f'<th scope="col" {self._html_class(column)}{choice}{hint}>'
+            yield f"{heading}{escape(_capitalised(column.title))}</th>\n"
+
+    def _html_line(self, line: Line, root: str) -> str:
+        cells = []
+        for column in self.columns:
+            cell = line.cells.get(column.key, BLANK)
+            tag, scope = ("th", " scope=row") if self._names_row(column) else ("td", "")
+            classes = self._html_class(
+                column,
+                "long" if len(cell.text) > _LONG else "",
+                "marks" if cell.marks else "",
+                f"shade-{cell.shade}" if cell.shade else "",
+            )
+            order = escape("" if cell.value is None else str(cell.value))
+            search = escape(f"{cell.text} {' '.join(cell.marks)}")
+            cells.append(
+                f'<{tag}{scope} {classes} data-order="{order}" data-search="{search}">'
+                f"{cell.html(root)}</{tag}>\n"
+            )
+        return f'<tr class="{line.kind}">\n{"".join(cells)}</tr>\n'
+
+    def _fields(self) -> list[str]:
+        fields = ["kind"]
+        for column in self.columns:
+            fields.append(column.key)
+            if any(line.cells.get(column.key, BLANK).interval for line in self.lines):
+                fields += [f"{column.key}_low", f"{column.key}_high"]
+        return fields
+
+    def _records(self) -> Iterator[dict[str, float | str | None]]:
+        for line in self.lines:
+            record: dict[str, float | str | None] = dict.fromkeys(self._fields())
+            record["kind"] = line.kind
+            for column in self.columns:
+                cell = line.cells.get(column.key, BLANK)
+                record[column.key] = cell.value
+                if cell.interval:
+                    record[f"{column.key}_low"], record[f"{column.key}_high"] = cell.interval
+            yield record
+
+
+def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]]) -> Iterator[str]:
+    """Return the lines of a Markdown table that has no other form."""
+    kept = tuple(Line("ranked", cells) for cells in lines)
+    return Sheet("", "", tuple(columns), kept).markdown()
+
+
+def titled_table(titles: Sequence[str], lines: Iterable[Iterable[Cell]]) -> Iterator[str]:
+    """Return the lines of a Markdown table whose columns have titles alone."""
+    columns = tuple(text_column(title) for title in titles)
+    return Sheet("", "", columns, tuple(line_of(columns, cells) for cells in lines)).markdown()
+
+
+def text_column(key: str, title: str = "", *, hint: str = "", choice: bool = False) -> Column:
+    """Make a column of texts; its title is its key by default."""
+    return Column(key, title or key, hint, numeric=False, choice=choice)
+
+
+def line_of(columns: Sequence[Column], cells: Iterable[Cell], kind: Kind = "ranked") -> Line:
+    """Make a line of a cell for each column."""
+    return Line(kind, {column.key: cell for column, cell in zip(columns, cells, strict=True)})
+
+
+def entry_link(name: str, title: str) -> Cell:
+    """Make a cell that leads to an entry's page."""
+    return text_cell(title, href=f"entries/{name}.html")
+
+
+def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
+    """Make a cell of a text."""
+    return Cell(text=text, value=text, href=href, bold=bold)
+
+
+def number_cell(value: float | None, places: int = 0) -> Cell:
+    """Make a cell of a number; blank without one."""
+    return BLANK if value is None else Cell(f"{value:,.{places}f}", value)
+
+
+def rate_cell(rate: float | Figure | None, places: int = 1) -> Cell:
+    """Make a cell of a rate in per cent, with its interval if it has one; blank without a rate."""
+    if rate is None:
+        return BLANK
+    interval = rate.interval_95 if isinstance(rate, Figure) else None
+    value = rate.value if isinstance(rate, Figure) else rate
+    return Cell(f"{100 * value:.{places}f}", value, interval=interval, places=places)
+
+
+def shaded(cell: Cell) -> Cell:
+    """Return the cell of a rate with the darker a background the higher it is."""
+    if not isinstance(cell.value, float):
+        return cell
+    return replace(cell, shade=1 + min(int(cell.value * SHADES), SHADES - 1))
+
+
+def _markdown_line(texts: Iterable[str]) -> str:
+    return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"
+
+
+def _capitalised(title: str) -> str:
+    return title if title.startswith("μ") else title[:1].upper() + title[1:]
+
+
+def _no_formula(value: float | str | None) -> float | str | None:
+    """Keep a spreadsheet from running a text as a formula."""
+    if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t")):
+        return f"'{value}"
+    return value

@@ -1,0 +1,220 @@
+"""What speaks against a result: each flag is a sentence with its numbers.
+
+A flag needs p < 1e-5 wherever chance has a part. A board has hundreds of results, and an honest one
+must not be accused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+from scipy.stats import binomtest, fisher_exact
+
+from sada_gym.board.results.models import SeedResult
+from sada_gym.board.submission.copies import Nearness, nearness
+from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.record import Experiment
+from sada_gym.foundations.figures import tenths
+from sada_gym.measures.collapse import collapse_flag
+from sada_gym.measures.reference import Reference
+from sada_gym.parameters import Mu
+
+SIGNIFICANCE = 1e-5
+"""A flag is raised where an honest result would look so with a smaller probability than this."""
+
+EQUAL = 1e-4
+"""Samples count as equal where they differ by at most this in every dimension of [-1, 1]^d."""
+
+MINIMUM_SHARE = 0.1
+"""The minimum share of samples that equal others of the result, to be worth a flag."""
+
+MINIMUM_SHARE_OF_OTHERS = 0.5
+"""The same for samples of another entry. Adversaries of one seed share uniform points: `random`
+draws 22 to 27 % of the samples of `memorise` on the ten digits."""
+
+NEAR_RANK = 0.4
+"""Samples may be copied where their mean rank, see `nearness`, is below this."""
+
+MINIMUM_POINTS = 10
+"""The minimum number of distinct nearest points whose mean rank means something."""
+
+MINIMUM_EXACT = 2
+"""So many samples that are reference points to the last bit are copies; chance makes none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeedEvidence:
+    """The samples of one seed of a result, and the same mu on fresh seeds.
+
+    Attributes:
+        again: The same mu on fresh seeds.
+        uniform: Uniform samples on the same fresh seeds; None with a reference set.
+    """
+
+    claimed: SeedResult
+    samples: Evaluations
+    again: Evaluations
+    uniform: Evaluations | None
+    measures: Measures
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that flags are found by; `neighbours` are other entries' samples on the track by name."""
+
+    experiment: Experiment
+    seeds: Sequence[SeedEvidence]
+    reference: Reference | None
+    neighbours: Mapping[str, Mu]
+
+    @property
+    def mu(self) -> Mu:
+        """The samples of all seeds, (n, d)."""
+        return np.concatenate([seed.samples.mu for seed in self.seeds])
+
+    @property
+    def claimed(self) -> npt.NDArray[np.bool_]:
+        """Which samples fool as claimed, (n,)."""
+        return self.fooled([seed.samples for seed in self.seeds])
+
+    @property
+    def verified(self) -> npt.NDArray[np.bool_]:
+        """Which samples fool on fresh seeds, (n,)."""
+        return self.fooled([seed.again for seed in self.seeds])
+
+    def fooled(self, records: Sequence[Evaluations]) -> npt.NDArray[np.bool_]:
+        """Return which evaluations fooled the agent, (n,)."""
+        return Evaluations.joined(records).fooled(self.experiment.target.fooling_threshold)
+
+
+def find_flags(evidence: Evidence) -> dict[str, str]:
+    """Find what speaks against a result, by the flags' names; without samples nothing does."""
+    if not evidence.seeds:
+        return {}
+    sentences: dict[str, str | None] = {}
+    checks = {
+        "claim": lucky_claim_flag,
+        "collapsed": collapsed_flag,
+        "constant": constant_flag,
+        "copied": copied_flag,
+        "duplicates": duplicates_flag,
+        "worse than random": worse_than_random_flag,
+    }
+    if evidence.experiment.adversary.name == IDEAL:
+        # this control draws reference points by design
+        checks = {"claim": lucky_claim_flag, "constant": constant_flag}
+        sentences["control"] = (
+            "this control draws its samples from the reference points, so it has no rank"
+        )
+    sentences |= {name: check(evidence) for name, check in checks.items()}
+    return {name: sentence for name, sentence in sentences.items() if sentence is not None}
+
+
+def lucky_claim_flag(evidence: Evidence) -> str | None:
+    """Compare which samples fool as claimed and on fresh seeds, by the sign test on the same mu.
+
+    Rows that agree say nothing. Among the others, an honest claim is the better one as often as
+    the worse one.
+    """
+    claimed, verified = evidence.claimed, evidence.verified
+    lost, won = int((claimed & ~verified).sum()), int((~claimed & verified).sum())
+    if not lost or binomtest(lost, lost + won, 0.5, alternative="greater").pvalue >= SIGNIFICANCE:
+        return None
+    return (
+        f"{int(claimed.sum()):,} of {len(claimed):,} samples fool the agent as claimed, and "
+        f"{int(verified.sum()):,} on fresh seeds: {lost:,} fool only as claimed, {won:,} only on "
+        "fresh seeds"
+    )
+
+
+def constant_flag(evidence: Evidence) -> str | None:
+    """Find seeds whose claimed Q are one single value while those on fresh seeds are not.
+
+    Where Q is often the same, such as 0, an honest claim may consist of it. Each row that differs
+    on the fresh seed could as well have differed in the claim.
+    """
+    for seed in evidence.seeds:
+        values = np.unique(seed.samples.score)
+        other = int((seed.again.score != values[0]).sum())
+        if len(values) == 1 and len(seed.samples) > 1 and 0.5**other < SIGNIFICANCE:
+            return (
+                f"all {len(seed.samples):,} samples of seed {seed.claimed.seed} have Q = "
+                f"{values[0]:.6g} as claimed, and {other:,} of them have another Q on fresh seeds"
+            )
+    return None
+
+
+def collapsed_flag(evidence: Evidence) -> str | None:
+    """Find seeds whose samples crowd around one point."""
+    sentences = [collapse_flag(seed.samples.mu) for seed in evidence.seeds]
+    collapsed = [sentence for sentence in sentences if sentence is not None]
+    return f"on {len(collapsed)} of {len(sentences)} seeds {collapsed[0]}" if collapsed else None
+
+
+def copied_flag(evidence: Evidence) -> str | None:
+    """Find samples that are reference points, shaken or not, see `nearness`."""
+    if evidence.reference is None:
+        return None
+    near = nearness(evidence.mu, evidence.reference.mu)
+    share = near.exact / len(evidence.mu)
+    if near.exact >= MINIMUM_EXACT:
+        return (
+            f"{tenths(share)} of the samples are points of the shipped reference set, to the "
+            "last bit"
+        )
+    if not is_near(near):
+        return None
+    return (
+        f"the samples lie nearer to {near.points:,} points of the shipped reference set than "
+        f"chance lets them: other sets that are made alike are farther from them "
+        f"{tenths(1.0 - near.mean_rank)} of the time, where 50 % are expected "
+        f"(p = {near.p:.0e})"
+    )
+
+
+def is_near(near: Nearness) -> bool:
+    """Return whether samples lie nearer to reference points than chance lets them."""
+    enough = near.points >= MINIMUM_POINTS
+    return enough and near.mean_rank < NEAR_RANK and near.p < SIGNIFICANCE
+
+
+def duplicates_flag(evidence: Evidence) -> str | None:
+    """Find samples that equal others of the result, or of another entry."""
+    mu = evidence.mu.astype(np.float64)
+    # the nearest is the sample itself
+    nearest = cKDTree(mu).query(mu, k=2, p=np.inf)[0][:, 1]
+    share = float((nearest <= EQUAL).mean())
+    if share >= MINIMUM_SHARE:
+        return f"{tenths(share)} of the samples equal another sample of this result"
+    for name, others in evidence.neighbours.items():
+        distances = cKDTree(others.astype(np.float64)).query(mu, p=np.inf)[0]
+        share = float((distances <= EQUAL).mean())
+        if share >= MINIMUM_SHARE_OF_OTHERS:
+            return f"{tenths(share)} of the samples equal samples of the entry {name}"
+    return None
+
+
+def worse_than_random_flag(evidence: Evidence) -> str | None:
+    """Compare the AFR on fresh seeds with that of uniform samples."""
+    verified = evidence.verified
+    fooled, count = int(verified.sum()), len(verified)
+    if evidence.reference is not None:
+        rate = evidence.reference.uniform_rate
+        p = binomtest(fooled, count, rate, alternative="less").pvalue
+    else:
+        uniform = evidence.fooled([seed.uniform for seed in evidence.seeds if seed.uniform])
+        rate, others = float(uniform.mean()), int(uniform.sum())
+        table = [[fooled, count - fooled], [others, len(uniform) - others]]
+        p = fisher_exact(table, alternative="less").pvalue
+    if p >= SIGNIFICANCE:
+        return None
+    return (
+        f"{tenths(fooled / count)} of the samples fool the agent on fresh seeds, and "
+        f"{tenths(rate)} of uniform samples do"
+    )

@@ -1,1 +1,0 @@
-"""Clips: an episode cut to some seconds, with the words that say how it went."""

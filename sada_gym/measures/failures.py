@@ -1,0 +1,133 @@
+"""The failures among a run's samples: what the agent does, how sure and how different they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sada_gym.errors import FileError
+from sada_gym.foundations.arrays import Indices
+from sada_gym.foundations.behaviour import Behaviours
+from sada_gym.foundations.files import OneLine, Strict, as_path, read_model
+from sada_gym.measures.rates import Rate
+
+FAILURES_FILE = "failures.json"
+
+
+class Failure(Strict):
+    """A test sample that fooled the agent.
+
+    Attributes:
+        sample: Its row in samples.npz.
+        parameters: Its physical values by name.
+        group: The number of its distinct failure, from 1.
+        fooled_seeds: With how many fresh seeds it fooled again, out of `valid_seeds` with which the
+            world is valid; None where it was not tried again.
+        behaviour: What the agent did; None where it was not played again.
+    """
+
+    sample: int
+    mu: tuple[float, ...]
+    seed: int
+    score: float
+    parameters: dict[str, float]
+    group: int
+    fooled_seeds: int | None = None
+    valid_seeds: int | None = None
+    behaviour: OneLine | None = None
+
+    @property
+    def fails_again(self) -> bool:
+        """Whether it fooled with more than half of its valid fresh seeds."""
+        return 2 * (self.fooled_seeds or 0) > (self.valid_seeds or 0)
+
+
+class FailureGroup(Strict):
+    """A distinct failure: samples of one weakness that no wide gap parts.
+
+    Attributes:
+        failures: The number of samples in it.
+        representative: The sample in its middle.
+        where: What its worlds share, in words.
+        weakness: The number of its weakness in the diagnosis, from 1; 0 where the samples lie in
+            none of these, and None where there is no diagnosis.
+    """
+
+    failures: int
+    representative: int
+    where: OneLine
+    weakness: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The rows of failures that are one `FailureGroup`, its middle first."""
+
+    rows: Indices
+    where: str
+    weakness: int | None = None
+
+
+class Failures(Strict):
+    """The contents of failures.json.
+
+    Attributes:
+        fooled: How many of the valid samples fooled.
+        seeds: The number of fresh seeds on which each failure was tried again; 0 for none.
+        confirmed: How many of the failures fooled again on most of their fresh seeds; None without
+            such seeds.
+        confirmed_afr: The same over all samples.
+        behaviours: What the agent did in some of them; None where nothing is told.
+        groups: The distinct failures, the largest first; those in no weakness come last.
+        failures: The failures, the surest first, then those with the lowest score. Of very many
+            only the first samples are here, and count above.
+    """
+
+    version: Literal[1] = 1
+    fooled: Rate
+    seeds: int = 0
+    confirmed: Rate | None = None
+    confirmed_afr: Rate | None = None
+    behaviours: Behaviours | None
+    groups: tuple[FailureGroup, ...]
+    failures: tuple[Failure, ...]
+
+    @property
+    def apart(self) -> tuple[FailureGroup, ...]:
+        """The groups, but for the one in no weakness where others lie in one."""
+        return tuple(group for group in self.groups if group.weakness) or self.groups
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the name and the text of each finding, as the summary of a run has them."""
+        if self.behaviours is not None:
+            yield "what it does", self.behaviours.sentence
+        if len(self.groups) > 1:
+            sizes = [group.failures for group in self.apart]
+            listed = ", ".join(map(str, sizes[:4])) + (", ..." if len(sizes) > 4 else "")
+            text = f"{len(sizes):,} group{'s' * (len(sizes) > 1)}, of {listed} samples"
+            others = sum(group.failures for group in self.groups) - sum(sizes)
+            yield "distinct failures", f"{text}; {others:,} in no weakness" if others else text
+        if self.confirmed is not None and self.confirmed_afr is not None:
+            again = f"{self.confirmed.fooled} of {self.confirmed.samples} failures fail again"
+            on = "a fresh seed" if self.seeds == 1 else f"most of {self.seeds} fresh seeds"
+            yield "confirmed", f"{again} on {on}: a confirmed rate of {self.confirmed_afr}"
+
+
+def read_failures(run: str | Path) -> Failures | None:
+    """Read the failures of a run; None where its folder has no such file.
+
+    Raises:
+        FileError: If the file is damaged, or of another version.
+    """
+    path = as_path(run, "a run's folder") / FAILURES_FILE
+    return read_model(path, Failures) if path.is_file() else None
+
+
+def listed_before(folder: Path) -> Failures | None:
+    """Return the failures that a run's folder lists; None where its file is missing or damaged."""
+    with suppress(FileError):  # a damaged file is made anew
+        return read_failures(folder)
+    return None

@@ -1,0 +1,109 @@
+"""The paired test: exact p-values, bounds, and what is decided from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from sada_gym.analyses.regression.compare import Change, decide, increase_at_most, verdict_of
+from sada_gym.errors import UserError
+
+
+def changes(broken=0, mended=0, same=0) -> list[Change]:
+    return ["broke newly"] * broken + ["mended"] * mended + ["still passes"] * same
+
+
+@pytest.mark.parametrize(
+    ("broken", "mended", "status"),
+    [
+        (0, 0, "passed"),  # nothing broke
+        (0, 1, "passed"),
+        (1, 0, "inconclusive"),
+        (4, 0, "inconclusive"),  # p = 1/16
+        (5, 0, "failed"),  # p = 1/32
+        (7, 2, "inconclusive"),
+        (9, 2, "failed"),
+        (1, 12, "passed"),
+        (3, 3, "inconclusive"),
+        (5, 12, "inconclusive"),
+    ],
+)
+def test_without_a_margin_the_exact_test_decides(broken, mended, status):
+    decision = decide(changes(broken, mended, 40))
+    assert decision.status == status
+    assert decision.p_worse == pytest.approx(binom.sf(broken - 1, broken + mended, 0.5))
+    assert (decision.more is not None) == (status == "inconclusive")
+
+
+def test_the_number_of_missing_worlds_is_the_smallest_that_decides():
+    decision = decide(changes(2, 1, 40))
+    assert decision.more == 5
+    assert f"at least {decision.more} more worlds" in decision.reason
+    assert decide(changes(2 + 5, 1, 40)).status == "failed"
+    assert decide(changes(2 + 4, 1, 40)).status == "inconclusive"
+
+
+def test_a_margin_asks_for_enough_worlds():
+    small = decide(changes(same=20), margin=0.05)
+    assert small.status == "inconclusive"
+    enough = 20 + small.more
+    assert enough == 59  # 0.95 ** 59 < 0.05: the rule of three
+    assert decide(changes(same=enough), margin=0.05).status == "passed"
+    assert decide(changes(same=enough - 1), margin=0.05).status == "inconclusive"
+    assert decide(changes(same=20), margin=0.05, unchanged=True).status == "passed"
+
+
+def test_a_margin_tolerates_a_small_increase_and_fails_a_large_one():
+    assert decide(changes(6, 0, 600)).status == "failed"
+    assert decide(changes(6, 0, 600), margin=0.05).status == "passed"
+    assert decide(changes(60, 0, 540), margin=0.05).status == "failed"
+    hopeless = decide(changes(4, 0, 16), margin=0.05)
+    assert (hopeless.status, hopeless.more) == ("inconclusive", None)
+    assert "no number" in hopeless.reason
+
+
+def test_the_same_agent_whose_worlds_changed_is_not_unchanged():
+    assert decide(changes(5, 0, 5), unchanged=True).status == "failed"
+
+
+def test_the_bound_holds_95_times_in_100():
+    rng = np.random.default_rng(0)
+    broken, mended, worlds = 0.12, 0.07, 60
+    counts = rng.multinomial(worlds, [broken, mended, 1 - broken - mended], size=1_000)
+    held = [increase_at_most(b, m, worlds) >= broken - mended for b, m, _ in counts.tolist()]
+    assert np.mean(held) >= 0.95
+
+
+def test_an_agent_that_is_no_worse_seldom_fails():
+    rng = np.random.default_rng(1)
+    counts = rng.multinomial(40, [0.15, 0.15, 0.7], size=400)
+    failed = [decide(changes(*row)).status == "failed" for row in counts.tolist()]
+    assert np.mean(failed) <= 0.05
+
+
+def test_invalid_worlds_do_not_count():
+    decision = decide([*changes(1, 0, 3), "not comparable"])
+    assert decision.worlds == 4
+    with pytest.raises(UserError, match="all of them are invalid"):
+        decide(["not comparable"])
+
+
+@pytest.mark.parametrize("margin", ["5 %", True, 0.0, 1.0, -0.1, float("nan")])
+def test_a_bad_margin_is_told(margin):
+    with pytest.raises(UserError, match=r"Expected (a )?margin"):
+        decide(changes(same=3), margin=margin)
+
+
+@pytest.mark.parametrize(
+    ("fooled", "invalid", "verdict"),
+    [
+        ([1, 1, 0], [0, 0, 0], "fail"),
+        ([1, 0, 0], [0, 0, 0], "pass"),
+        ([1, 0], [0, 0], "pass"),
+        ([1, 0], [0, 1], "fail"),
+        ([0, 0], [1, 1], None),
+    ],
+)
+def test_most_valid_seeds_decide_a_world(fooled, invalid, verdict):
+    assert verdict_of(np.array(fooled, bool), np.array(invalid, bool)) == verdict
