@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from sada_gym.analyses.regression.regress import regress
     from sada_gym.analyses.replay import replay
     from sada_gym.analyses.report.make import report
+    from sada_gym.analyses.rescore import rescore, transfer
     from sada_gym.analyses.training import FailureCurriculum, curriculum_vec_env
     from sada_gym.attacks import attack
     from sada_gym.envs.wrapped.application import GymnasiumApplication
+    from sada_gym.evaluation.executors import Workers
     from sada_gym.evaluation.oracle import Oracle
     from sada_gym.foundations.behaviour import Behaviour
     from sada_gym.run import Run, load_run
@@ -46,6 +48,7 @@ __all__ = [
     "ParameterSpace",
     "Run",
     "Scored",
+    "Workers",
     "__version__",
     "attack",
     "curriculum_vec_env",
@@ -58,8 +61,10 @@ __all__ = [
     "regress",
     "replay",
     "report",
+    "rescore",
     "serve",
     "tracks",
+    "transfer",
 ]
 
 __getattr__ = lazy_names(
@@ -71,6 +76,9 @@ __getattr__ = lazy_names(
         "GymnasiumApplication": "envs.wrapped.application",
         "Oracle": "evaluation.oracle",
         "Run": "run",
+        "Workers": "evaluation.executors",
+        "rescore": "analyses.rescore",
+        "transfer": "analyses.rescore",
         "attack": "attacks",
         "curriculum_vec_env": "analyses.training",
         "diagnose": "analyses.diagnose",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from sada_gym.analyses.pictures import draw_missing
 from sada_gym.analyses.report.make import report_attack
 from sada_gym.application import Application
 from sada_gym.errors import Notice, check_integer, check_keywords
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.experiment.adversary import AdversarySpec, name_and_class
 from sada_gym.experiment.algorithm import (
@@ -67,9 +67,7 @@ def attack(
     seed: int = 0,
     preset: str | None = None,
     options: Mapping[str, Any] | None = None,
-    workers: int = 1,
-    chunk_size: int | None = None,
-    executor: Executor | None = None,
+    workers: int | Workers = 1,
     resume: bool = False,
     diagnose: bool = True,
     confirm: int = 0,
@@ -96,9 +94,7 @@ def attack(
         preset: A named set of the adversary's options, such as `paper`.
         options: The adversary's options; they replace the preset's.
         workers: 1 evaluates in this process, more evaluate in as many others. The result does not
-            depend on it, nor on the next two.
-        chunk_size: The evaluations that a worker gets at a time, see `Oracle`.
-        executor: Where workers run, see `Oracle`.
+            depend on it. See `Workers`.
         resume: Whether to go on with the run that `out` holds, if it holds one.
         diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`; fresh
             worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
@@ -129,9 +125,7 @@ def attack(
         check_free(folder, resume=resume)
     with (
         _progress(progress, on_progress) as report,
-        OpenTarget.of(
-            environment, env_kwargs, workers=workers, chunk_size=chunk_size, executor=executor
-        ) as opened,
+        OpenTarget.of(environment, env_kwargs, workers=workers) as opened,
     ):
         name, kind = name_and_class(adversary)
         spec = AdversarySpec.of(name, preset, options)

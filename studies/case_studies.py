@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sada_gym import attack
-from sada_gym.analyses.transfer import Comparison, Rate, transfer
+from sada_gym.analyses.rescore import Comparison, Rate, transfer
 from sada_gym.foundations.files import write_file
 from sada_gym.measures.rates import FoolingRate, lead_interval
 from studies.without_hits import without_hits

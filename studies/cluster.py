@@ -60,8 +60,8 @@ def throughput(workers: Sequence[int], share: float) -> None:
     for count in workers:
         with dask_workers(count) as address, open_executor(address) as cluster:
             row(
-                f"`dask worker` commands, {cluster.workers}",
-                lambda env_id, c=cluster: rate(env_id, share, executor=c.executor),
+                f"`dask worker` commands, {cluster.workers.count}",
+                lambda env_id, c=cluster: rate(env_id, share, workers=c.workers),
             )
     print()
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sada_gym import attack
-from sada_gym.analyses.transfer import Comparison, confirm
+from sada_gym.analyses.rescore import Comparison, confirm
 from sada_gym.foundations.files import write_file
 from studies.without_hits import without_hits
 

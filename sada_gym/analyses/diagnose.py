@@ -15,6 +15,7 @@ from sada_gym.analyses.telling import tell
 from sada_gym.application import Application
 from sada_gym.errors import FileError, Notice, UserError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.stored import OnScores
 from sada_gym.evaluations import Evaluations, evaluation_seeds, fools
 from sada_gym.experiment.record import RunSettings
@@ -43,7 +44,7 @@ def diagnose(
     fresh: int | None = None,
     confirm: int = 0,
     application: Application | str | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Diagnosis:
     """Find one to five weaknesses of the agent that a finished run attacked.
@@ -61,7 +62,7 @@ def diagnose(
         confirm: Tries each failure among the samples again on so many fresh seeds, see
             `sada_gym.measures.failures`.
         application: What the run attacked, where it cannot say it, see `Run.open`.
-        workers: 1 evaluates in this process, more in as many others.
+        workers: See `Workers`.
         on_scores: See `OnScores`.
 
     Raises:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.errors import Notice, UserTypeError, check_integer, described
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.target import OpenTarget
@@ -36,7 +37,7 @@ def confirm_failures(
     seeds: int = 3,
     *,
     application: Application | str | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Failures | None:
     """Try each failure of a finished run again on fresh seeds, and write failures.json anew.
@@ -48,7 +49,7 @@ def confirm_failures(
         run: A run, or its folder.
         seeds: The number of fresh seeds for each failure; 0 tries none.
         application: What the run attacked, where it cannot say it, see `Run.open`.
-        workers: 1 evaluates in this process, more in as many others.
+        workers: See `Workers`.
         on_scores: See `OnScores`.
 
     Returns:

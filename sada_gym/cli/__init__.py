@@ -27,7 +27,11 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "report": ("report:report", "Make a page of a run, or of two side by side.", {}),
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),
-    "confirm": ("confirm:confirm", "Score a run's samples in a slower, truer world.", {}),
+    "confirm": (
+        "confirm:confirm",
+        "Try a run's failures again, on fresh seeds or in a truer world.",
+        {},
+    ),
     "export": ("export:export", "Write a run's failures as a regression suite.", {}),
     "regress": ("regress:regress", "Test another agent with a regression suite.", {}),
     "check": ("check:check", "Check an environment of your own.", _STRAY),

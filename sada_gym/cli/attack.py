@@ -116,7 +116,6 @@ def attack(
                 run = run_attack(
                     env_id,
                     adversary,
-                    executor=opened.executor,
                     workers=opened.workers,
                     env_kwargs=keywords,
                     preset=preset,

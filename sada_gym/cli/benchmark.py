@@ -147,7 +147,6 @@ def benchmark(
                     folder,
                     entries=entries,
                     workers=opened.workers,
-                    executor=opened.executor,
                     references=known,
                     callback=progress,
                 )

@@ -1,10 +1,12 @@
-"""`sada-gym confirm`: do the samples of a run fool in a slower, truer world as well?"""
+"""`sada-gym confirm`: do the failures of a run fail again, on fresh seeds or in a truer world?"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from sada_gym.cli.console import (
+    application_option,
     env_kwargs_option,
     errors_as_sentences,
     executor_option,
@@ -18,47 +20,87 @@ from sada_gym.cli.console import (
     workers_option,
 )
 from sada_gym.cli.transfer import show_notes
+from sada_gym.errors import UserError
+
+if TYPE_CHECKING:
+    from sada_gym.analyses.rescore import Comparison
+
+_SEEDS = 3
 
 
 def confirm(
     run: Path = run_argument(),
     env_kwargs: list[str] | None = env_kwargs_option(),
-    samples: int | None = option(None, "Take the first so many.", minimum=1, shown="all"),
+    seeds: int | None = option(
+        None, "Try each failure on so many fresh seeds.", minimum=1, shown=f"{_SEEDS}"
+    ),
+    samples: int | None = option(
+        None, "With --env-kwargs: take the first so many.", minimum=1, shown="all"
+    ),
     workers: int = workers_option(1),
     executor: str = executor_option(),
+    application: str | None = application_option(),
     out_file: Path | None = option(
         None,
-        "The figures; the scores lie beside them.",
+        "With --env-kwargs: the figures; the scores lie beside them.",
         "--out",
         metavar="FILE.json",
         shown="RUN/confirmed.json",
     ),
     as_json: bool = json_option("the figures"),
 ) -> None:
-    """Score a run's samples again, with the same seeds, in its track with changed keywords.
+    """Try a run's failures again: on fresh seeds, or in its track with changed keywords.
 
-    Search in a fast world, confirm in a slow one: --env-kwargs renderer=blender. RUN receives
-    confirmed.json and confirmed.npz. The same command goes on after a stop.
+    Search in a fast world, confirm in a slow one: --env-kwargs renderer=blender takes all samples,
+    with their seeds, and RUN receives confirmed.json and confirmed.npz. The same command goes on
+    after a stop.
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
-        from sada_gym.analyses.transfer import confirm as score_again
+        if keywords and (seeds is not None or application is not None):
+            raise UserError(
+                "Expected either fresh seeds or changed keywords, got both. Leave out --seeds and "
+                "--application, or --env-kwargs."
+            )
+        if not keywords and (samples is not None or out_file is not None):
+            raise UserError(
+                "Expected --samples and --out with --env-kwargs, got them without. Name the "
+                "keywords that change, such as --env-kwargs renderer=blender."
+            )
+        from sada_gym.analyses.failures import confirm_failures
+        from sada_gym.analyses.rescore import CONFIRMED_FILE
+        from sada_gym.analyses.rescore import confirm as in_changed_worlds
         from sada_gym.evaluation.executors import open_executor
 
         with open_executor(executor, workers) as opened, scores_progress() as progress:
-            confirmation = score_again(
-                run,
-                keywords,
-                samples=samples,
-                out=out_file,
-                workers=opened.workers,
-                executor=opened.executor,
-                on_scores=progress,
-            )
-    found = confirmation.comparison
+            options: dict[str, Any] = {"workers": opened.workers, "on_scores": progress}
+            if not keywords:
+                failures = confirm_failures(
+                    run, seeds or _SEEDS, application=application, **options
+                )
+            else:
+                found = in_changed_worlds(
+                    run, keywords, samples=samples, out=out_file, **options
+                ).comparison
+    if not keywords:
+        if as_json:
+            print_json(failures)
+            return
+        if failures is None:
+            say("No sample of the run fooled the agent.")
+            return
+        for name, text in failures.rows():
+            say(f"{name}: {text}")
+        return
     if as_json:
         print_json(found)
         return
+    _show(found, keywords)
+    path = run / CONFIRMED_FILE if out_file is None else out_file
+    say(f"Results: {path}, {path.with_suffix('.npz').name}")
+
+
+def _show(found: Comparison, keywords: dict[str, Any]) -> None:
     changed = ", ".join(f"{name}={value}" for name, value in keywords.items())
     say(f"{found.adversary} on {found.here}, seed {found.seed}; with {changed}", lead="[bold]")
     say(f"  attack fooling rate there   {found.afr_there}; in the run {found.afr_here}")
@@ -72,4 +114,3 @@ def confirm(
     if found.rank_correlation is not None:
         say(f"  rank correlation of scores  {found.rank_correlation:.2f}")
     show_notes(found)
-    say(f"Results: {confirmation.path}, {confirmation.path.with_suffix('.npz').name}")

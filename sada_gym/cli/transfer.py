@@ -26,7 +26,7 @@ from sada_gym.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from sada_gym.analyses.transfer import Comparison
+    from sada_gym.analyses.rescore import Comparison
 
 
 def transfer(
@@ -63,7 +63,7 @@ def transfer(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
-        from sada_gym.analyses.transfer import transfer as score_elsewhere
+        from sada_gym.analyses.rescore import transfer as score_elsewhere
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.foundations.files import write_model
 
@@ -76,7 +76,6 @@ def transfer(
                 samples=samples,
                 seed=seed,
                 workers=opened.workers,
-                executor=opened.executor,
                 application=application,
                 on_scores=progress,
             )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from dataclasses import replace
 from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,10 +22,11 @@ from sada_gym.errors import (
     check_integer,
 )
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.evaluation.workers import MAX_WORKERS, PortableScorer
+from sada_gym.evaluation.workers import PortableScorer
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.ids import names_file
 from sada_gym.measures.rates import wilson_interval
@@ -64,19 +65,10 @@ class Evaluator:
         env_kwargs: Mapping[str, Any] | None = None,
         dimension: int | None = None,
         threshold: float | None = None,
-        workers: int = 1,
+        workers: int | Workers = 1,
         store: str | Path | None = None,
-        chunk_size: int | None = None,
-        executor: Executor | None = None,
     ) -> None:
-        check_integer("workers", workers, 1, None if executor is not None else MAX_WORKERS)
-        if chunk_size is not None:
-            check_integer("chunk_size", chunk_size, 1)
-        if executor is not None and not callable(getattr(executor, "submit", None)):
-            raise UserTypeError(
-                "Expected an executor of concurrent.futures, loky or Dask, such as "
-                f"ProcessPoolExecutor(), got {executor!r}."
-            )
+        who = Workers.of(workers)
         if env_kwargs is not None and not isinstance(env_kwargs, Mapping):
             raise UserTypeError(f"Expected env_kwargs to be a dictionary, got {env_kwargs!r}.")
         source: Registered | Application | BatchFunction
@@ -91,27 +83,31 @@ class Evaluator:
                     f"Expected env_kwargs only with an environment id, got {dict(env_kwargs)} with "
                     f"{problem!r}. Give them to the application itself."
                 )
-        if workers > 1 and executor is None and current_process().daemon:
+        if who.count > 1 and who.executor is None and current_process().daemon:
             # Celery's and multiprocessing.Pool's
             warnings.warn(
                 "A daemonic process may start no workers: this one evaluates alone, with the same "
-                "result. Pass an executor to have workers.",
+                "result. Pass an executor to have workers: workers=Workers(executor=...).",
                 Notice,
                 stacklevel=2,
             )
-            workers = 1
-        self.workers = workers
+            who = replace(who, count=1)
+        self.workers = who.count
         self._built_here = isinstance(source, Registered)
         self._scorer = source.build() if isinstance(source, Registered) else source
         self.dimension, self.threshold = _described(self._scorer, dimension, threshold)
         self._dispatcher: Dispatcher | None = None
-        if workers > 1 or executor is not None:
+        if who.count > 1 or who.executor is not None:
             on_error = "raise" if self.application is None else self.application._on_error
             timeout = None if self.application is None else self.application._timeout
             self._dispatcher = Dispatcher(
-                PortableScorer.of(source), workers, executor, on_error=on_error, timeout=timeout
+                PortableScorer.of(source),
+                who.count,
+                who.executor,
+                on_error=on_error,
+                timeout=timeout,
             )
-        self._chunk_size, self._most = chunk_size, MAX_CHUNK
+        self._chunk_size, self._most = who.chunk_size, MAX_CHUNK
         self._answered = self._invalid = 0
         self.store: EvaluationStore | None = None
         if store is not None:

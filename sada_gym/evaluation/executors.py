@@ -8,12 +8,13 @@ import platform
 import sys
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from sada_gym.errors import MissingExtra, UserError, check_integer, install_line
+from sada_gym.errors import MissingExtra, UserError, UserTypeError, check_integer, install_line
 from sada_gym.evaluation.spawn import spawn_context
-from sada_gym.evaluation.workers import inherited_settings
+from sada_gym.evaluation.workers import MAX_WORKERS, inherited_settings
 from sada_gym.foundations.arithmetic import arithmetic
 from sada_gym.foundations.environment_variables import set_environment_variables
 
@@ -33,21 +34,54 @@ _DECISIVE = ("sada-gym", "numpy", "torch")
 """Scores differ if a worker has another version of one of these packages."""
 
 
+@dataclass(frozen=True, eq=False)
+class Workers:
+    """Who evaluates. What takes `workers=` takes a number, too: so many processes of our own.
+
+    Attributes:
+        count: 1 evaluates in this process, more in as many others. Of an executor it is the number
+            of its workers, if it cannot say that itself.
+        executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's `Client.get_executor()`)
+            instead of our own processes. It is left open.
+        chunk_size: The evaluations that a worker gets at a time; None chooses.
+
+    Raises:
+        TypeError, ValueError: If one of them is no such thing.
+    """
+
+    count: int = 1
+    executor: Executor | None = None
+    chunk_size: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check them."""
+        check_integer("workers", self.count, 1, MAX_WORKERS if self.executor is None else None)
+        if self.chunk_size is not None:
+            check_integer("chunk_size", self.chunk_size, 1)
+        if self.executor is not None and not callable(getattr(self.executor, "submit", None)):
+            raise UserTypeError(
+                "Expected an executor of concurrent.futures, loky or Dask, such as "
+                f"ProcessPoolExecutor(), got {self.executor!r}."
+            )
+
+    @classmethod
+    def of(cls, given: int | Workers) -> Workers:
+        """Return workers, also those that are given by their number."""
+        return given if isinstance(given, Workers) else cls(given)
+
+
 class OpenExecutor(ExitStack):
-    """An executor that is ready for work, with its number of workers.
+    """An executor that is ready for work.
 
     Its `close` leaves the cluster, or ends one that was started here; calling it twice is fine.
 
     Attributes:
-        executor: Pass it to `Oracle`, `Evaluator` or `attack`. It is None for our own processes,
-            which these start themselves.
-        workers: The number of its workers; pass it along.
+        workers: Pass them to `attack`, `Oracle` or whatever takes `workers=`.
     """
 
     def __init__(self, executor: Executor | None, workers: int) -> None:
         super().__init__()
-        self.executor = executor
-        self.workers = workers
+        self.workers = Workers(workers, executor)
         if executor is not None:
             log = logging.getLogger("distributed")
             self.callback(log.setLevel, log.level)
@@ -72,7 +106,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
 
     Example:
         >>> with open_executor("dask", workers=2) as cluster:
-        ...     oracle = Oracle(env_id, budget=100, executor=cluster.executor, workers=2)
+        ...     oracle = Oracle(env_id, budget=100, workers=cluster.workers)
     """
     check_integer("workers", workers, 1)
     kind, _, address = spec.partition(":")
@@ -161,7 +195,7 @@ def _running_cluster(address: str) -> OpenExecutor:
     opened = OpenExecutor(client.get_executor(pure=False), 1)
     opened.callback(_leave, client)
     try:
-        opened.workers = _ready_workers(client, address)
+        opened.workers = replace(opened.workers, count=_ready_workers(client, address))
     except BaseException:
         opened.close()
         raise

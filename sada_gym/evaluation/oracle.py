@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, get_args
 
@@ -15,6 +14,7 @@ from typing_extensions import Self
 from sada_gym.application import Application
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.problems import Problem
 from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
 from sada_gym.foundations.arrays import Bools, Floats
@@ -45,12 +45,8 @@ class Oracle:
         env_kwargs: Keywords of an environment id.
         dimension: d of a function.
         threshold: The fooling threshold of a function.
-        workers: With 1, this process evaluates; with more, as many others do.
+        workers: With 1, this process evaluates; with more, as many others do. See `Workers`.
         store: The evaluation store's file; with None, no score is kept.
-        chunk_size: Evaluations handed over at a time; None chooses.
-        executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
-            `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
-            says how many workers it has, if it cannot say so itself.
         progress: A function that is called as progress(done, total, cached) after each chunk.
 
     Raises:
@@ -72,10 +68,8 @@ class Oracle:
         env_kwargs: Mapping[str, Any] | None = None,
         dimension: int | None = None,
         threshold: float | None = None,
-        workers: int = 1,
+        workers: int | Workers = 1,
         store: str | Path | None = None,
-        chunk_size: int | None = None,
-        executor: Executor | None = None,
         progress: Progress | None = None,
     ) -> None:
         check_integer("budget", budget, 0, MAX_QUERIES)
@@ -95,8 +89,6 @@ class Oracle:
             "dimension": dimension,
             "threshold": threshold,
             "store": store,
-            "chunk_size": chunk_size,
-            "executor": executor,
         }
         self._owns = not isinstance(problem, Evaluator)
         if not isinstance(problem, Evaluator):

@@ -9,28 +9,39 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluations import fools
-from sada_gym.foundations.arrays import Bools, Floats, Integers
+from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.arrays import Bools, Integers
 from sada_gym.parameters import Mu
 
 OnScores = Callable[[int, int, int], object]
 """Gets the number of scores so far, of all that are asked for, and of those from the store."""
 
 
+class InParts:
+    """Counts the scores of several evaluations, `total` in all, as those of one."""
+
+    def __init__(self, on_scores: OnScores, total: int) -> None:
+        self._on_scores, self._total = on_scores, total
+        self._done = self._cached = 0
+
+    def __call__(self, done: int, total: int, cached: int) -> None:
+        """Report the scores of the present evaluation; with all of them the next one begins."""
+        self._on_scores(self._done + done, self._total, self._cached + cached)
+        if done == total:
+            self._done, self._cached = self._done + done, self._cached + cached
+
+
 def stored_scores(
-    evaluator: Evaluator,
-    mu: Mu,
-    seeds: Sequence[int],
-    store: Path | None,
-    report: Callable[[int, int], None],
-) -> tuple[Floats, Bools]:
+    evaluator: Evaluator, mu: Mu, seeds: Sequence[int], store: Path | None, on_scores: OnScores
+) -> Evaluations:
     """Score mu, (n, d), with n seeds, and keep the scores in a store.
 
     Without a store, or for an application that nothing identifies, none is kept.
-
-    Returns:
-        The scores, (n,), and which worlds are invalid, (n,).
     """
+
+    def report(done: int, cached: int) -> None:
+        on_scores(done, len(mu), cached)
+
     known = evaluator.application is not None and evaluator.application.fingerprint is not None
     if store is not None and known:
         evaluator.attach(store)
@@ -40,7 +51,7 @@ def stored_scores(
         evaluator.detach()
     invalid = np.zeros(len(mu), np.bool_)
     invalid[[*answer.invalid]] = True
-    return answer.scores, invalid
+    return Evaluations(mu, answer.scores, np.array(seeds, np.int64), invalid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +100,6 @@ def try_again(
     """
     each = len(seeds[0]) if seeds else 0
     listed = [seed for own in seeds for seed in own]
-
-    def report(done: int, cached: int) -> None:
-        on_scores(done, len(listed), cached)
-
-    score, invalid = stored_scores(evaluator, np.repeat(mu, each, axis=0), listed, store, report)
-    fooled = fools(score, threshold) & ~invalid
-    return FreshScores(fooled.reshape(len(mu), each), invalid.reshape(len(mu), each))
+    scored = stored_scores(evaluator, np.repeat(mu, each, axis=0), listed, store, on_scores)
+    shape = len(mu), each
+    return FreshScores(scored.fooled(threshold).reshape(shape), scored.invalid.reshape(shape))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from contextlib import closing
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ from sada_gym import agents
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.names import card_of
@@ -92,12 +92,14 @@ class Target(Strict):
         """Name the target for people."""
         return f"{self.track} against {self.agent}" if self.agent else self.track
 
-    def open(self, environment: str | Application | None = None, *, workers: int = 1) -> OpenTarget:
+    def open(
+        self, environment: str | Application | None = None, *, workers: int | Workers = 1
+    ) -> OpenTarget:
         """Open the application again, and check that it is the same.
 
         Args:
             environment: The id, the TOML file or the application itself; None takes the track.
-            workers: The number of processes that evaluate; 1 evaluates in this process.
+            workers: See `Workers`.
 
         Raises:
             UserError: If it cannot be opened, or is not the same.
@@ -134,7 +136,7 @@ class Target(Strict):
         with closing(_open(self.track, {}, self.agent)) as evaluator:
             return self._keywords(evaluator)
 
-    def _reopened(self, track: str, workers: int) -> Evaluator:
+    def _reopened(self, track: str, workers: int | Workers) -> Evaluator:
         evaluator = _open(track, {}, self.agent, workers=workers)
         keywords = self._keywords(evaluator)
         if not keywords:
@@ -178,9 +180,7 @@ class OpenTarget:
         *,
         agent: str | None = None,
         references: Path = FOLDER,
-        workers: int = 1,
-        chunk_size: int | None = None,
-        executor: Executor | None = None,
+        workers: int | Workers = 1,
     ) -> Self:
         """Open what a user names, and describe it.
 
@@ -193,9 +193,7 @@ class OpenTarget:
             TypeError, ValueError: If it cannot be opened.
         """
         keywords = dict(env_kwargs or {})
-        evaluator = _open(
-            environment, keywords, agent, workers=workers, chunk_size=chunk_size, executor=executor
-        )
+        evaluator = _open(environment, keywords, agent, workers=workers)
         try:
             application = evaluator.application
             if application is None:

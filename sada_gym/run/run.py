@@ -14,6 +14,7 @@ from typing import Any
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, plain
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.record import RunReport, RunSettings
@@ -150,13 +151,18 @@ class Run:
                 return [{k: _cell(v) for k, v in row.items()} for row in csv.DictReader(file)]
         return pandas.read_csv(path)
 
-    def open(self, application: Application | str | None = None, *, workers: int = 1) -> OpenTarget:
+    def open(
+        self,
+        application: Application | str | None = None,
+        *,
+        workers: int | Workers = 1,
+    ) -> OpenTarget:
         """Open what the run attacked, and check that it is the same application and agent.
 
         Args:
             application: The application, an environment's id or a TOML file, where the run cannot
                 say it: what was made in Python has to be handed over.
-            workers: 1 evaluates in this process, more in as many others.
+            workers: See `Workers`.
 
         Raises:
             UserError: If it cannot be opened, or differs.
@@ -198,7 +204,7 @@ class Run:
             )
         opened.parameters.validate(self.samples.mu)
 
-    def _opened(self, application: Application | str | None, workers: int) -> OpenTarget:
+    def _opened(self, application: Application | str | None, workers: int | Workers) -> OpenTarget:
         if application is None:
             application, keywords = self.given.environment(), self.given.keywords
             if self.given.by == "id" and keywords is not None:

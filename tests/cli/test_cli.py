@@ -341,7 +341,7 @@ def test_an_executor_is_opened_by_its_name_and_closed(tmp_path, monkeypatch):
         asked.append((name, workers))
         with ThreadPoolExecutor(3) as pool:
             pools.append(pool)
-            yield SimpleNamespace(executor=pool, workers=3)
+            yield SimpleNamespace(workers=executors.Workers(3, pool))
 
     monkeypatch.setattr(executors, "open_executor", open_executor)
     result = run(

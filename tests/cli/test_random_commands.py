@@ -73,7 +73,7 @@ VALID = {
         "--plan --suite digits",
     ],
     "check": ["pole.toml", "SADA-Analytic-v0", "push.py"],
-    "confirm": ["run --env-kwargs digit=4", "run --env-kwargs digit=4 --samples 4 --workers 1"],
+    "confirm": ["run", "pole --seeds 1", "run --env-kwargs digit=4", "run --env-kwargs digit=4 --samples 4 --workers 1"],
     "export": ["run --out new --confirm 0", "pole --out new.json --confirm 1"],
     "fetch": ["efficientnet-lite0 --file bytes", "--json"],
     "init": ["CartPole-v1 --agent push:act"],
@@ -88,7 +88,7 @@ VALID = {
 NUMBERS = ["0", "1", "2", "3", "-1", "1.5", "nan", "99999999999999999999", "1e3", "x", ""]
 TAKES_A_RUN = {"diagnose", "report", "replay", "transfer", "confirm", "export"}
 COSTLY = {"budget": "20", "samples": "6", "workers": "1", "steps": "1", "seeds": "1", "images": "0"}
-COSTLY |= {"confirm": "1", "worlds": "2", "fps": "5", "episodes": "1", "count": "1"}
+COSTLY |= {"confirm": "1", "seeds": "1", "worlds": "2", "fps": "5", "episodes": "1", "count": "1"}
 """Options that decide what a command costs, and the values that stand there most of the time."""
 
 FIXED = {

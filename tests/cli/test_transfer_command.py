@@ -49,19 +49,30 @@ def test_confirm_prints_what_was_confirmed(analytic):
     assert json.loads(printed.stdout) == content
 
 
+def test_confirm_without_keywords_tries_the_failures_on_fresh_seeds(analytic):
+    result = run("confirm", analytic, "--seeds", 2)
+    assert result.exit_code == 0, result.output
+    content = json.loads((analytic / "failures.json").read_text())
+    again = f"{content['confirmed']['fooled']} of {content['confirmed']['samples']} failures"
+    assert f"confirmed: {again} fail again on most of 2 fresh seeds" in result.stdout
+    printed = run("confirm", analytic, "--seeds", 2, "--json")
+    assert json.loads(printed.stdout) == content
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [
         (["transfer", "nowhere", "--to", "SADA-Analytic-v0"], "which holds no attack.json"),
-        (["transfer", "{run}"], "Expected a track, an agent or keywords"),
+        (["transfer", "{run}"], "Expected a track, an agent, keywords or a seed"),
         (["transfer", "{run}", "--to", "no.toml"], "no.toml"),
         (["transfer", "{run}", "--to", "SADA-Analytic-v0", "--out", "no/x.json"], "no/x.json"),
-        (["confirm", "{run}"], "Expected keywords that change the world, got none"),
+        (["confirm", "{run}", "--samples", 3], "Expected --samples and --out with --env-kwargs"),
+        (["confirm", "{run}", "--env-kwargs", "volume=0.1", "--seeds", 2], "got both"),
         (["confirm", "{run}", "--env-kwargs", "volume"], "Expected --env-kwargs key=value"),
     ],
 )
 def test_bad_input_is_one_sentence(analytic, args, message):
-    result = run(*(word.format(run=analytic) for word in args))
+    result = run(*(str(word).format(run=analytic) for word in args))
     assert result.exit_code == 2, result.output
     assert message in result.stderr
     assert "Traceback" not in result.output

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from toy import Toy, paraboloid
 
 from sada_gym.errors import MissingExtra, UserError, WorkerError
 from sada_gym.evaluation import dispatch, executors
-from sada_gym.evaluation.executors import count_workers, open_executor
+from sada_gym.evaluation.executors import Workers, count_workers, open_executor
 from sada_gym.evaluation.workers import PortableScorer, evaluate_if_loadable
 from sada_gym.oracle import Oracle
 
@@ -46,27 +47,31 @@ def cluster():
 
 
 def client_of(opened):
-    return opened.executor._client
+    return opened.workers.executor._client
 
 
 @pytest.mark.long
 def test_dask_gives_the_same(cluster, expected):
-    assert cluster.workers == count_workers(cluster.executor) == 2
-    result = scores("SADA-Analytic-v0", **ANALYTIC, executor=cluster.executor, chunk_size=7)
+    assert cluster.workers.count == count_workers(cluster.workers.executor) == 2
+    result = scores("SADA-Analytic-v0", **ANALYTIC, workers=replace(cluster.workers, chunk_size=7))
     np.testing.assert_array_equal(result, expected)
 
 
 @pytest.mark.slow  # each worker loads torch and compiles
 def test_dask_gives_the_same_detections(cluster):
     expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
-    result = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=cluster.executor, chunk_size=5)
+    result = scores(
+        "SADA-Detection-Car-v0", DETECTION_MU, workers=replace(cluster.workers, chunk_size=5)
+    )
     np.testing.assert_array_equal(result, expected)
 
 
 def test_threads_give_the_same_detections():
     expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
     with ThreadPoolExecutor(2) as threads:
-        result = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=threads, chunk_size=4)
+        result = scores(
+            "SADA-Detection-Car-v0", DETECTION_MU, workers=Workers(executor=threads, chunk_size=4)
+        )
     np.testing.assert_array_equal(result, expected)
 
 
@@ -81,7 +86,7 @@ def test_a_local_cluster_leaves_the_environment_as_it_was():
 def test_one_dask_process_gives_the_same(expected):
     pytest.importorskip("distributed")
     with open_executor("dask", workers=1) as opened:
-        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=opened.workers)
     np.testing.assert_array_equal(result, expected)
 
 
@@ -91,14 +96,16 @@ def test_dasks_threads_give_the_same(expected):
     with distributed.Client(n_workers=1, set_as_default=False, **settings) as client:
         executor = client.get_executor()
         assert count_workers(executor) == 2
-        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=Workers(executor=executor))
     np.testing.assert_array_equal(result, expected)
 
 
 def test_threads_give_the_same(expected):
     with ThreadPoolExecutor(3) as threads:
         assert count_workers(threads) == 3
-        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=threads, chunk_size=4)
+        result = scores(
+            "SADA-Analytic-v0", **ANALYTIC, workers=Workers(executor=threads, chunk_size=4)
+        )
     np.testing.assert_array_equal(result, expected)
 
 
@@ -107,7 +114,7 @@ def test_loky_gives_the_same(expected):
     executor = loky.ProcessPoolExecutor(2)
     try:
         assert count_workers(executor) == 2
-        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=Workers(executor=executor))
     finally:
         executor.shutdown(kill_workers=True)
     np.testing.assert_array_equal(result, expected)
@@ -115,10 +122,8 @@ def test_loky_gives_the_same(expected):
 
 def test_our_own_processes_are_an_executor_by_name(expected):
     with open_executor("processes", 2) as opened:
-        assert (opened.executor, opened.workers) == (None, 2)
-        result = scores(
-            "SADA-Analytic-v0", **ANALYTIC, executor=opened.executor, workers=opened.workers
-        )
+        assert (opened.workers.executor, opened.workers.count) == (None, 2)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=opened.workers)
     np.testing.assert_array_equal(result, expected)
 
 
@@ -145,9 +150,8 @@ def one_process_at_work(log):
 @pytest.mark.parametrize("kind", ["ours", "dask"])
 def test_a_killed_worker_changes_nothing(kind, tmp_path, request):
     log, store = tmp_path / "log", tmp_path / "run.sqlite"
-    settings = {"workers": 2, "store": store, "chunk_size": 5}
-    if kind == "dask":
-        settings["executor"] = request.getfixturevalue("cluster").executor
+    executor = request.getfixturevalue("cluster").workers.executor if kind == "dask" else None
+    settings = {"workers": Workers(2, executor, chunk_size=5), "store": store}
     killer = Killer(lambda: one_process_at_work(log))
     result = scores(Toy(log=str(log), pause_s=0.005), progress=killer, **settings)
     assert killer.left <= 0
@@ -179,9 +183,13 @@ def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known()
 def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster, monkeypatch):
     # three by default, and each is a process that starts
     monkeypatch.setattr(client_of(cluster).cluster.scheduler, "allowed_failures", 1)
-    settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 10}
+    settings = {
+        "dimension": 3,
+        "threshold": 0.3,
+        "workers": replace(cluster.workers, chunk_size=10),
+    }
     with pytest.raises(WorkerError, match=r"lost its workers.*\(KilledWorker\).*resume the run"):
-        scores(Deadly(), executor=cluster.executor, **settings)
+        scores(Deadly(), **settings)
     client_of(cluster).wait_for_workers(2, timeout=120)
 
 
@@ -189,8 +197,9 @@ def test_a_broken_loky_ends_with_a_sentence():
     loky = pytest.importorskip("loky")
     executor = loky.ProcessPoolExecutor(2)
     try:
+        workers = Workers(executor=executor, chunk_size=10)
         with pytest.raises(WorkerError, match="The executor lost its workers"):
-            scores(Deadly(), dimension=3, threshold=0.3, chunk_size=10, executor=executor)
+            scores(Deadly(), dimension=3, threshold=0.3, workers=workers)
     finally:
         executor.shutdown(kill_workers=True)
 
@@ -284,8 +293,8 @@ def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
     scheduler, address = remote
     store = tmp_path / "run.sqlite"
     with open_executor(address) as opened:
-        assert opened.workers == 1
-        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+        assert opened.workers.count == 1
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=opened.workers)
         np.testing.assert_array_equal(result, expected)
 
         toy, done = Toy(pause_s=0.02), []
@@ -295,7 +304,7 @@ def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
             if len(done) == 3:
                 scheduler.kill()
 
-        settings = {"store": store, "chunk_size": 5, "executor": opened.executor}
+        settings = {"store": store, "workers": replace(opened.workers, chunk_size=5)}
         with pytest.raises(WorkerError, match=r"connection to its scheduler.*resume the run"):
             scores(toy, progress=lose_scheduler, **settings)
     known = []
@@ -349,7 +358,7 @@ def test_a_cluster_that_loses_all_workers_does_not_wait_for_ever(monkeypatch):
         distributed.Client(cluster, set_as_default=False) as client,
         pytest.raises(WorkerError, match=r"Expected workers in the cluster.*resume the run"),
     ):
-        scores("SADA-Analytic-v0", **ANALYTIC, executor=client.get_executor())
+        scores("SADA-Analytic-v0", **ANALYTIC, workers=Workers(executor=client.get_executor()))
 
 
 def test_other_versions_in_the_cluster_are_refused(cluster, monkeypatch):
@@ -402,7 +411,7 @@ def test_an_executor_that_was_closed_is_told_of():
     threads = ThreadPoolExecutor(1)
     threads.shutdown()
     with pytest.raises(WorkerError, match="Expected an open executor"):
-        scores(Toy(), executor=threads)
+        scores(Toy(), workers=Workers(executor=threads))
 
 
 # what is sent
@@ -443,7 +452,8 @@ class Recording(ThreadPoolExecutor):
 def test_a_large_model_is_sent_once_for_each_worker_not_with_every_chunk():
     problem = Large()
     with Recording(2) as executor:
-        result = scores(problem, dimension=3, threshold=0.3, executor=executor, chunk_size=1)
+        workers = Workers(executor=executor, chunk_size=1)
+        result = scores(problem, dimension=3, threshold=0.3, workers=workers)
     np.testing.assert_array_equal(result, problem(MU))
     assert sum(size > 1_000_000 for size in executor.sizes) == 2
     assert executor.sizes.count(0) == len(MU) - 2
@@ -451,10 +461,14 @@ def test_a_large_model_is_sent_once_for_each_worker_not_with_every_chunk():
 
 def test_a_large_model_reaches_dasks_workers_even_one_that_is_new(cluster):
     problem = Large()
-    settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 5}
+    settings = {
+        "dimension": 3,
+        "threshold": 0.3,
+        "workers": replace(cluster.workers, chunk_size=5),
+    }
     pids = client_of(cluster).run(os.getpid)
     killer = Killer(lambda: next(iter(pids.values())), after=4)
-    result = scores(problem, executor=cluster.executor, progress=killer, **settings)
+    result = scores(problem, progress=killer, **settings)
     np.testing.assert_array_equal(result, problem(MU))
 
 
@@ -469,7 +483,7 @@ def test_a_process_that_lacks_the_payload_asks_for_it():
 
 def test_only_a_few_chunks_are_handed_out_at_a_time():
     with Recording(2) as executor:
-        scores(Toy(), executor=executor, chunk_size=1)
+        scores(Toy(), workers=Workers(executor=executor, chunk_size=1))
     assert len(executor.sizes) == len(MU)
     assert executor.most <= 2 * dispatch._AHEAD
 

@@ -13,6 +13,7 @@ from toy import Toy, paraboloid
 
 from sada_gym.errors import BudgetExhausted, Notice, StoreError, UserError, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator, _chunk_size
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import PortableScorer
 from sada_gym.oracle import Oracle, evaluation_seeds
@@ -77,7 +78,7 @@ def test_one_call_or_many_give_the_same():
 
 @pytest.mark.parametrize("chunk_size", [1, 7, 1000])
 def test_chunks_do_not_matter(chunk_size):
-    np.testing.assert_array_equal(scores(chunk_size=chunk_size), REFERENCE)
+    np.testing.assert_array_equal(scores(workers=Workers(chunk_size=chunk_size)), REFERENCE)
 
 
 def test_workers_do_not_matter_and_both_work(tmp_path):
@@ -97,7 +98,7 @@ def test_an_environment_id_works_in_processes_too():
 @pytest.mark.parametrize("kind", [ThreadPoolExecutor, ProcessPoolExecutor])
 def test_any_executor_does_and_is_left_open(kind):
     with kind(2) as executor:
-        result = scores(executor=executor, workers=2)
+        result = scores(workers=Workers(2, executor))
         np.testing.assert_array_equal(result, REFERENCE)
         assert executor.submit(abs, -1).result() == 1
 
@@ -123,8 +124,9 @@ def warning_all_the_time(mu):
 
 
 def test_workers_that_warn_all_the_time_go_on_and_are_heard():
+    workers = Workers(2, chunk_size=150)
     with pytest.warns(RuntimeWarning) as heard:
-        result = scores(warning_all_the_time, dimension=3, threshold=0.3, workers=2, chunk_size=150)
+        result = scores(warning_all_the_time, dimension=3, threshold=0.3, workers=workers)
     assert set(result) == {0.0}
     assert [str(warning.message)[:2] for warning in heard] == [f"{number} " for number in range(10)]
 
@@ -169,7 +171,7 @@ def test_a_store_answers_what_it_knows(tmp_path):
 
 def test_progress_comes_after_each_chunk():
     reports = []
-    scores(workers=2, chunk_size=40, progress=lambda *counts: reports.append(counts))
+    scores(workers=Workers(2, chunk_size=40), progress=lambda *counts: reports.append(counts))
     assert len(reports) == 4
     assert reports[-1] == (150, 150, 0)
     assert [done for done, _, _ in reports] == sorted(done for done, _, _ in reports)

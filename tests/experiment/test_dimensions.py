@@ -12,7 +12,7 @@ from sada_gym.analyses.regression.export import export
 from sada_gym.analyses.regression.regress import regress
 from sada_gym.analyses.replay.video import replay
 from sada_gym.analyses.report.make import report
-from sada_gym.analyses.transfer import transfer
+from sada_gym.analyses.rescore import transfer
 from sada_gym.errors import Notice
 
 SLOW = {"bbgan", "bbgan-boost", "cma-mae"}

@@ -233,11 +233,11 @@ def test_a_folder_that_is_removed_or_taken_over_during_a_run_is_noticed(tmp_path
 SCRIPT = """
 import sys
 from toy import Greedy, Toy
-from sada_gym import attack
+from sada_gym import Workers, attack
 out, log, resume = sys.argv[1], sys.argv[2], sys.argv[3] == "resume"
 adversary = sys.argv[4] or Greedy
-attack(Toy(pause_s=0.004, log=log), adversary, out=out, budget=300, samples=30, workers=2,
-       chunk_size=10, resume=resume, pictures=False)
+attack(Toy(pause_s=0.004, log=log), adversary, out=out, budget=300, samples=30,
+       workers=Workers(2, chunk_size=10), resume=resume, pictures=False)
 """
 
 

@@ -26,6 +26,7 @@ from sada_gym.analyses.regression.suite import (
 )
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, check_integer, plain
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.target import OpenTarget
@@ -73,7 +74,7 @@ def export(
     *,
     confirm: int = 3,
     application: Application | str | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Exported:
     """Write the failures of finished runs as a regression suite.
@@ -89,7 +90,7 @@ def export(
         out: The suite's file, which ends in .json, or the folder for its `suite.json`.
         confirm: The number of fresh seeds; 0 takes the run's own seed instead.
         application: What the runs attacked, where they cannot say it, see `Run.open`.
-        workers: 1 evaluates in this process, more in as many others.
+        workers: See `Workers`.
         on_scores: See `OnScores`.
 
     Raises:

@@ -25,12 +25,12 @@ from sada_gym.analyses.regression.suite import Case, Item, Suite, Verdict, read_
 from sada_gym.application import Application
 from sada_gym.envs.wrapped.toml import application_of
 from sada_gym.errors import UserError, UserTypeError
-from sada_gym.evaluation.stored import OnScores, stored_scores
-from sada_gym.evaluations import fools
+from sada_gym.evaluation.executors import Workers
+from sada_gym.evaluation.stored import InParts, OnScores, stored_scores
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.packages import installed
 from sada_gym.experiment.target import OpenTarget, Target
-from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.files import OneLine, Strict, parse_toml, shown
 
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
@@ -101,7 +101,7 @@ def regress(
     *,
     baseline: str | Path | Application | None = None,
     margin: float | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     store: str | Path | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Regression:
@@ -113,7 +113,7 @@ def regress(
             the application takes it; or the application itself, with the agent in it.
         baseline: What to compare it with, of the same kinds; None takes what the suite expects.
         margin: See `decide`.
-        workers: 1 evaluates in this process, more in as many others.
+        workers: See `Workers`.
         store: Keeps the scores, so that a call that was stopped goes on where it was.
         on_scores: See `OnScores`.
 
@@ -131,10 +131,8 @@ def regress(
             for what, given in agents.items()
         ]
         total = len(opened) * sum(len(case.seeds) for case in content.test_cases)
-        results: list[_Result] = []
-        for there in opened:
-            done = sum(len(result.scores) for result in results)
-            results.append(_score(content, path, there, kept, done, total, on_scores))
+        in_parts = InParts(on_scores, total)
+        results = [_score(content, path, there, kept, in_parts) for there in opened]
         changed = _differences(content.test_item, path, opened[0])
     now, before = results[0], results[1] if baseline is not None else None
     worlds = tuple(
@@ -162,12 +160,11 @@ def regress(
 
 @dataclass(frozen=True, eq=False)
 class _Result:
-    """What an agent got in the suite's worlds: scores (n seeds in all), by world."""
+    """What an agent got in the suite's worlds: evaluations (n seeds in all), by world."""
 
     opened: OpenTarget
     rows: list[slice]
-    scores: list[float]
-    invalid: Bools
+    scored: Evaluations
     verdicts: list[Verdict | None]
     clipped: tuple[str, ...]
 
@@ -182,46 +179,30 @@ class _Result:
             before=before,
             now=self.verdicts[i],
             change=change_of(case, before, self.verdicts[i]),
-            scores=tuple(self.scores[rows]),
-            invalid=int(self.invalid[rows].sum()),
+            scores=tuple(self.scored.score[rows].tolist()),
+            invalid=int(self.scored.invalid[rows].sum()),
         )
 
 
 def _score(
-    suite: Suite,
-    path: Path,
-    there: OpenTarget,
-    store: Path | None,
-    before: int,
-    total: int,
-    on_scores: OnScores,
+    suite: Suite, path: Path, there: OpenTarget, store: Path | None, on_scores: OnScores
 ) -> _Result:
     mu, clipped = map_samples(
         suite.mu, suite.parameters, there.parameters, str(path), str(there.target)
     )
     counts = [len(case.seeds) for case in suite.test_cases]
     seeds = [seed for case in suite.test_cases for seed in case.seeds]
-
-    def report(done: int, cached: int) -> None:
-        on_scores(before + done, total, cached)
-
     there.evaluator.expect(len(seeds))
-    scores, invalid = stored_scores(
-        there.evaluator,
-        np.repeat(mu, counts, axis=0),
-        seeds,
-        store,
-        report,
-    )
-    fooled = fools(scores, suite.test_item.target.fooling_threshold) & ~invalid
+    repeated = np.repeat(mu, counts, axis=0)
+    scored = stored_scores(there.evaluator, repeated, seeds, store, on_scores)
+    fooled = scored.fooled(suite.test_item.target.fooling_threshold)
     ends = np.cumsum(counts).tolist()
     rows = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
     return _Result(
         opened=there,
         rows=rows,
-        scores=scores.tolist(),
-        invalid=invalid,
-        verdicts=[verdict_of(fooled[part], invalid[part]) for part in rows],
+        scored=scored,
+        verdicts=[verdict_of(fooled[part], scored.invalid[part]) for part in rows],
         clipped=tuple(
             f"{count} of {len(mu)} worlds lie outside the range of {name}, and are moved to its end"
             for name, count in clipped.items()
@@ -230,7 +211,7 @@ def _score(
 
 
 def _open(
-    item: Item, suite: Path, given: str | Path | Application, what: str, workers: int
+    item: Item, suite: Path, given: str | Path | Application, what: str, workers: int | Workers
 ) -> OpenTarget:
     if isinstance(given, Application):
         if given.name != item.target.application.name:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +20,8 @@ from sada_gym.board.benchmark.schedule import do_runs
 from sada_gym.board.benchmark.suite import Suite, Table
 from sada_gym.board.benchmark.targets import current_targets, without_outdated
 from sada_gym.board.results.entry import read_entries
-from sada_gym.errors import UserError, check_integer
-from sada_gym.evaluation.workers import MAX_WORKERS
+from sada_gym.errors import UserError
+from sada_gym.evaluation.executors import Workers
 from sada_gym.foundations.files import as_path, file_errors
 from sada_gym.measures.reference import FOLDER
 
@@ -42,8 +41,7 @@ def run_benchmark(
     out: str | Path,
     *,
     entries: str | Path | None = None,
-    workers: int = 1,
-    executor: Executor | None = None,
+    workers: int | Workers = 1,
     references: str | Path = FOLDER,
     callback: BenchmarkCallback | None = None,
 ) -> BenchmarkResult:
@@ -60,10 +58,8 @@ def run_benchmark(
         entries: The folder of the entries; None takes `out`/entries.
         workers: The number of processes. The runs of one track, agent and seed follow one
             another; such groups go side by side. Where there are fewer groups than processes,
-            each run evaluates in several. The result does not depend on it.
-        executor: Any PEP 3148 executor instead of our own processes (Dask's
-            `Client.get_executor()`, threads, loky); `workers` then says how many it has. It is
-            left open. Its workers need not see `out`. The result does not depend on it.
+            each run evaluates in several. Of an executor, see `Workers`, it is how many workers
+            that has, which need not see `out`. The result does not depend on it.
         references: The folder of the reference sets.
         callback: Called as the benchmark goes on.
 
@@ -75,7 +71,7 @@ def run_benchmark(
     """
     folder, entries_folder, references = _places(out, entries, references)
     called = callback or BenchmarkCallback()
-    check_integer("workers", workers, 1, MAX_WORKERS)
+    who = Workers.of(workers)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
         reserve(folder)
@@ -88,7 +84,7 @@ def run_benchmark(
         called.on_start(plan, missing)
         if missing.runs:
             out, entries = folder.absolute(), entries_folder.absolute()
-            do_runs(plan, missing.runs, out, entries, workers, executor, called)
+            do_runs(plan, missing.runs, out, entries, who, called)
         called.on_report()
         return report_benchmark(
             folder,

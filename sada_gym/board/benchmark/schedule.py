@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, CancelledError, Future, wait
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ from sada_gym.board.benchmark.progress import (
     read_progress,
 )
 from sada_gym.errors import UserError, WorkerError, described
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import WorkerPool
 from sada_gym.experiment.algorithm import RunProgress
@@ -52,13 +53,10 @@ def do_runs(
     missing: Sequence[RunSettings],
     out: Path,
     entries: Path,
-    workers: int,
-    executor: Executor | None,
+    workers: Workers,
     callback: BenchmarkCallback,
 ) -> None:
     """Do all missing runs of a plan and add each to its entry; `out` is absolute.
-
-    `workers` is the number of processes to start, or of workers that the executor has.
 
     Raises:
         RunError, StoreError, WorkerError: See `sada_gym.board.benchmark.run.run_benchmark`.
@@ -71,9 +69,7 @@ def do_runs(
     )
     with (
         progress_folder(out) as token,
-        closing(
-            _Schedule(plan, groups, workers, executor, out, entries, token, callback)
-        ) as schedule,
+        closing(_Schedule(plan, groups, workers, out, entries, token, callback)) as schedule,
     ):
         schedule.do()
 
@@ -89,18 +85,17 @@ class _Schedule:
         self,
         plan: Plan,
         groups: deque[tuple[Group, deque[RunSettings]]],
-        workers: int,
-        executor: Executor | None,
+        workers: Workers,
         out: Path,
         entries: Path,
         token: str,
         callback: BenchmarkCallback,
     ) -> None:
-        self._plan, self._groups, self._executor = plan, groups, executor
+        self._plan, self._groups, self._executor = plan, groups, workers.executor
         self._out, self._entries = out, entries
         self._token, self._callback = token, callback
-        self._places = min(workers, len(groups))
-        self._each = max(1, workers // len(groups)) if executor is None else 1
+        self._places = min(workers.count, len(groups))
+        self._each = max(1, workers.count // len(groups)) if workers.executor is None else 1
         self._pools: dict[int, WorkerPool] = {}
         self._active: dict[Future[RunDone], _Chain] = {}
         self._deaths = Counter[str]()

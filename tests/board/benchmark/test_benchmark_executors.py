@@ -13,6 +13,7 @@ from sada_gym.board.benchmark.job import RunError
 from sada_gym.board.benchmark.plan import make_plan
 from sada_gym.board.benchmark.schedule import do_runs
 from sada_gym.errors import WorkerError
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.algorithm import RunProgress
 
@@ -34,7 +35,7 @@ def ours(tmp_path_factory, references):
     return out
 
 
-def run(out, chosen, references, *, workers=1, executor=None, callback=None):
+def run(out, chosen, references, *, workers=1, callback=None):
     """Do what is missing, and leave the report out, which takes the most of the time."""
     plan = make_plan(chosen, references)
     reserve(out)
@@ -44,8 +45,7 @@ def run(out, chosen, references, *, workers=1, executor=None, callback=None):
         find_missing(entries, plan).runs,
         out,
         entries,
-        workers,
-        executor,
+        Workers.of(workers),
         callback or progress.BenchmarkCallback(),
     )
 
@@ -67,7 +67,7 @@ def evaluated(out):
 @pytest.mark.long
 def test_threads_give_the_same(ours, tmp_path, references):
     with ThreadPoolExecutor(2) as executor:
-        run(tmp_path, SMALL, references, workers=2, executor=executor)
+        run(tmp_path, SMALL, references, workers=Workers(2, executor))
     assert contents(tmp_path) == contents(ours)
 
 
@@ -76,7 +76,7 @@ def test_workers_that_do_not_see_the_folder_give_the_same(ours, tmp_path, refere
     monkeypatch.setattr("sada_gym.board.benchmark.schedule.can_read", lambda out, token: False)
     recorder = Recorder()
     with ThreadPoolExecutor(2) as executor:
-        run(tmp_path, SMALL, references, workers=2, executor=executor, callback=recorder)
+        run(tmp_path, SMALL, references, workers=Workers(2, executor), callback=recorder)
     assert contents(tmp_path) == contents(ours)
     assert stored(tmp_path) == stored(ours)
     assert evaluated(tmp_path) == evaluated(ours)  # each run knows what those before it evaluated
@@ -116,7 +116,7 @@ class Broken(Executor):
 
 def test_an_executor_that_gives_up_is_told_in_a_sentence(tmp_path, references):
     with pytest.raises(WorkerError, match=r"gave up on .*scheduler is gone.*What is finished"):
-        run(tmp_path, SMALL, references, executor=Broken())
+        run(tmp_path, SMALL, references, workers=Workers(executor=Broken()))
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def dask(deaths):
 
 @pytest.mark.long
 def test_dask_gives_the_same(ours, tmp_path, references, dask):
-    run(tmp_path, SMALL, references, executor=dask)
+    run(tmp_path, SMALL, references, workers=Workers(executor=dask))
     assert contents(tmp_path) == contents(ours)
     assert (stored(tmp_path), evaluated(tmp_path)) == (stored(ours), evaluated(ours))
 
@@ -150,9 +150,9 @@ def test_dask_gives_the_same(ours, tmp_path, references, dask):
 def test_dask_replaces_a_worker_that_is_killed(tmp_path, references, dask, deaths):
     chosen = suite("bench_toys:Fragile", budgets=(60,))
     deaths.write_text("")
-    run(tmp_path / "killed", chosen, references, executor=dask)
+    run(tmp_path / "killed", chosen, references, workers=Workers(executor=dask))
     assert deaths.read_text() == "x"
-    run(tmp_path / "whole", chosen, references, executor=dask)
+    run(tmp_path / "whole", chosen, references, workers=Workers(executor=dask))
     assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
     assert evaluated(tmp_path / "killed") == 30  # its queries were in the store by then
 
@@ -160,4 +160,9 @@ def test_dask_replaces_a_worker_that_is_killed(tmp_path, references, dask, death
 @pytest.mark.long
 def test_a_bug_keeps_its_traceback_on_dask(tmp_path, references, dask):
     with pytest.raises(RunError, match="KeyError in bench_toys:Buggy"):
-        run(tmp_path, suite("bench_toys:Buggy", budgets=(60,)), references, executor=dask)
+        run(
+            tmp_path,
+            suite("bench_toys:Buggy", budgets=(60,)),
+            references,
+            workers=Workers(executor=dask),
+        )

@@ -12,6 +12,7 @@ from sada_gym.board.benchmark.folder import read_costs, reserve, sole_user
 from sada_gym.board.benchmark.job import RunError
 from sada_gym.board.benchmark.run import run_benchmark
 from sada_gym.errors import StoreError, StoreInUse, WorkerError
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.store import EvaluationStore
 
 WHOLE = suite("ideal", "memorise", "bench_toys:Picky", budgets=(90, 60), seeds=2)
@@ -203,7 +204,7 @@ def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references)
     assert 0 < len(made(out / "entries")) < 6
     elsewhere = tmp_path / "elsewhere"  # a second machine, which has no store
     shutil.copytree(out / "entries", elsewhere / "entries")
-    run_benchmark(KILLED, elsewhere, executor=Inline(), references=references)
+    run_benchmark(KILLED, elsewhere, workers=Workers(executor=Inline()), references=references)
     assert contents(elsewhere / "entries") == contents(tmp_path / "whole" / "entries")
     assert contents(elsewhere)["table.md"] == contents(tmp_path / "whole")["table.md"]
     assert len(read_costs(elsewhere)) == 6 - len(made(out / "entries"))

@@ -22,6 +22,7 @@ from sada_gym.envs.detection.renderers import find_renderer
 from sada_gym.envs.detection.renderers.blender import Blender
 from sada_gym.errors import SlowWorlds, UserError
 from sada_gym.evaluation.evaluator import cost_text
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.problems import make_application
 from sada_gym.oracle import Oracle
 
@@ -189,8 +190,7 @@ def test_workers_start_a_blender_each_and_end_it(fake, tmp_path):
             env_kwargs={"renderer": "blender"},
             budget=4,
             seed=0,
-            workers=workers,
-            chunk_size=2,
+            workers=Workers(workers, chunk_size=2),
         ) as oracle:
             scores.append(oracle(MU))
     np.testing.assert_array_equal(*scores)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sada_gym import attack
-from sada_gym.analyses.transfer import confirm
+from sada_gym.analyses.rescore import confirm
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.errors import UserError
 from sada_gym.evaluation.key import ApplicationKey

@@ -14,6 +14,7 @@ from sada_gym import GymnasiumApplication, attack
 from sada_gym.application import INVALID_SCORE
 from sada_gym.envs.wrapped.episodes import MEMORY_BYTES
 from sada_gym.errors import StoreError, UserError, WorkerError
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.testing.check import check_application
@@ -150,7 +151,7 @@ def test_a_worker_that_dies_in_one_world_costs_that_world_alone(tmp_path):
     bad = breaking("raises").evaluate(mu, seeds).invalid
     assert [*bad] == [7]
     with Oracle(
-        breaking(fault), budget=12, workers=2, chunk_size=1, store=tmp_path / "a.sqlite"
+        breaking(fault), budget=12, workers=Workers(2, chunk_size=1), store=tmp_path / "a.sqlite"
     ) as oracle:
         scores = oracle(mu)
         assert {*oracle.invalid} == {*bad}

@@ -12,7 +12,7 @@ from toy import Toy
 
 from sada_gym import Parameter, ParameterSpace, attack, make_application
 from sada_gym.analyses.mapping import map_samples
-from sada_gym.analyses.transfer import Comparison, Transfers, confirm, transfer
+from sada_gym.analyses.rescore import Comparison, Transfers, confirm, rescore, transfer
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.evaluator import Evaluated, Evaluator
 from sada_gym.foundations.files import read_model, write_model
@@ -74,6 +74,25 @@ def test_samples_keep_their_seeds_unless_others_are_drawn(tmp_path):
     assert same.rank_correlation == pytest.approx(1.0)
     assert same.afr_there == same.afr_here
     assert drawn.rank_correlation < 0.999
+
+
+def test_rescoring_gives_the_scores_of_each_sample_there(analytic):
+    samples = read_samples(analytic / "samples.npz")
+    there = rescore(analytic, ANALYTIC, env_kwargs={"volume": 0.4})
+    outcomes = make_application(ANALYTIC, volume=0.4).evaluate(samples.mu, samples.seed.tolist())
+    np.testing.assert_array_equal(there.scores.score, outcomes.score)
+    np.testing.assert_array_equal(there.scores.seed, samples.seed)
+    tried = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4})
+    assert there.comparison == tried.comparisons[0]
+
+
+def test_fresh_seeds_need_no_other_world(tmp_path):
+    noisy = Toy()
+    folder = run(tmp_path / "run", noisy)
+    again = rescore(folder, seed=5, application=noisy)
+    assert not {*again.scores.seed} & {*read_samples(folder / "samples.npz").seed}
+    assert again.comparison.there == again.comparison.here
+    assert 0.0 < again.comparison.rank_correlation < 0.999
 
 
 def test_the_first_samples_can_be_taken(analytic):

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,8 @@ from sada_gym import agents
 from sada_gym.analyses.mapping import map_samples
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
-from sada_gym.evaluation.stored import OnScores, stored_scores
+from sada_gym.evaluation.executors import Workers
+from sada_gym.evaluation.stored import InParts, OnScores, stored_scores
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.names import card_of, check_spelling
 from sada_gym.experiment.target import OpenTarget, Target
@@ -76,18 +76,59 @@ class Transfers(Strict):
 
 
 @dataclass(frozen=True, eq=False)
-class Confirmation:
-    """What a second look at a run's samples gave.
+class Rescored:
+    """A run's samples, scored in another world.
 
     Attributes:
-        comparison: The figures, as in confirmed.json.
-        scores: The samples with their scores in the other world, as in confirmed.npz.
-        path: Where confirmed.json lies.
+        comparison: The figures.
+        scores: The samples as mu of that world, with their scores and seeds there.
     """
 
     comparison: Comparison
     scores: Evaluations
-    path: Path
+
+
+def rescore(
+    run: Run | str | Path,
+    target: str | Application | None = None,
+    *,
+    agent: str | None = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    workers: int | Workers = 1,
+    application: Application | str | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Rescored:
+    """Score the samples of one finished run in one other world; see `transfer`.
+
+    Args:
+        run: A run, or its folder.
+        target: An id, a TOML file or an application; None takes what the run attacked, with
+            another agent, other keywords or other seeds.
+        agent: See `transfer`, also for the others.
+        env_kwargs: Keywords of the id.
+        samples: Takes the first so many; None takes all.
+        seed: Draws other evaluation seeds; None takes those of the samples.
+        workers: See `Workers`.
+        application: What the run attacked, where it cannot say it, see `Run.open`.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: As `transfer` does.
+    """
+    scored = _scored(
+        [as_run(run)],
+        _listed(() if target is None else target),
+        agent,
+        env_kwargs,
+        samples=samples,
+        seed=seed,
+        workers=workers,
+        application=application,
+        on_scores=on_scores,
+    )
+    return scored[0]
 
 
 def transfer(
@@ -98,8 +139,7 @@ def transfer(
     env_kwargs: Mapping[str, Any] | None = None,
     samples: int | None = None,
     seed: int | None = None,
-    workers: int = 1,
-    executor: Executor | None = None,
+    workers: int | Workers = 1,
     application: Application | str | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Transfers:
@@ -119,8 +159,7 @@ def transfer(
         samples: Takes the first so many of a run; None takes all.
         seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
             application differ in nothing else.
-        workers: 1 evaluates in this process, more in as many others.
-        executor: Where workers run, see `Oracle`.
+        workers: See `Workers`.
         application: What the runs attacked, where they cannot say it, see `Run.open`.
         on_scores: See `OnScores`.
 
@@ -128,34 +167,18 @@ def transfer(
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
             the parameters there have other names, units or choices.
     """
-    attacked, targets = as_runs(runs), _listed(to)
-    keywords = {} if env_kwargs is None else dict(env_kwargs)
-    check_keywords("env_kwargs", keywords)
-    _check_agent(agent, keywords, targets)
-    if not (targets or keywords or agent):
-        raise UserError(
-            "Expected a track, an agent or keywords to try the samples with, got none. Name them "
-            "by --to, --agent or --env-kwargs (to=, agent=, env_kwargs=)."
-        )
-    for target in targets:
-        check_spelling(target, None, {**keywords, **({} if agent is None else {"agent": agent})})
-    settled = _Progress(on_scores)
-    tasks: list[_Task] = []
-    with ExitStack() as stack:
-        opened: dict[object, OpenTarget] = {}
-        for run in attacked:
-            wanted = _Wanted.of(run, samples, seed, application)
-            for target in targets or [None]:
-                with_agent = agent or _own_agent(run.target, target)
-                key = (run.folder if target is None else target, with_agent)
-                if key not in opened:
-                    there = _open(run, target, keywords, with_agent, workers, executor)
-                    opened[key] = stack.enter_context(there)
-                tasks.append(_Task.of(wanted, opened[key], keywords))
-        settled.total = sum(len(task.mu) for task in tasks)
-        for there in opened.values():
-            there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
-        return Transfers(comparisons=tuple(task.compare(settled)[0] for task in tasks))
+    scored = _scored(
+        as_runs(runs),
+        _listed(to),
+        agent,
+        env_kwargs,
+        samples=samples,
+        seed=seed,
+        workers=workers,
+        application=application,
+        on_scores=on_scores,
+    )
+    return Transfers(comparisons=tuple(one.comparison for one in scored))
 
 
 def confirm(
@@ -164,31 +187,28 @@ def confirm(
     *,
     samples: int | None = None,
     out: str | Path | None = None,
-    workers: int = 1,
-    executor: Executor | None = None,
+    workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
-) -> Confirmation:
-    """Score a run's samples again in its own track with changed keywords, such as a slow renderer.
+) -> Rescored:
+    """Try a run's samples again in its own track with changed keywords, such as a slow renderer.
 
     Each sample keeps its seed. The run's folder gets `confirmed.json` and, with mu, score and seed
-    of each sample, `confirmed.npz`. The scores are kept in `elsewhere.sqlite` as well: a call that
-    was stopped goes on where it was.
+    of each sample, `confirmed.npz`.
 
     Args:
         run: A run of an id, or its folder.
         env_kwargs: The keywords that change, such as `{"renderer": "blender"}`; all others stay.
         samples: Takes the first so many; None takes all.
         out: Another name for confirmed.json; the arrays lie beside it.
-        workers: 1 evaluates in this process, more in as many others.
-        executor: Where workers run, see `Oracle`.
+        workers: See `Workers`.
         on_scores: See `OnScores`.
 
     Raises:
-        UserError: If an argument is bad, nothing changes, or the run is not finished or cannot be
-            opened as it was.
+        UserError: As `transfer` does, or if nothing changes.
         FileError: If the file holds another confirmation.
     """
     attacked = as_run(run)
+    path = attacked.folder / CONFIRMED_FILE if out is None else _json_path(out)
     check_keywords("env_kwargs", env_kwargs)
     keywords = dict(env_kwargs)
     if not keywords:
@@ -196,108 +216,133 @@ def confirm(
             "Expected keywords that change the world, got none. Name one, such as --env-kwargs "
             "renderer=blender."
         )
-    path = attacked.folder / CONFIRMED_FILE if out is None else _json_path(out)
-    agent = keywords.pop("agent", None)
-    given = dict(env_kwargs)
-    _check_agent(agent, {}, ())
-    wanted = _Wanted.of(attacked, samples, None, None)
-    own = agent or attacked.target.agent
-    with _open(attacked, None, keywords, own, workers, executor) as there:
-        if there.target.application == attacked.target.application:
+
+    def check(task: _Task) -> None:
+        if task.there.target.application == attacked.target.application:
             raise UserError(
-                f"Expected keywords that change the world, got {given}, with which it is the one "
-                f"that the run in {attacked.folder} attacked. Give others."
+                f"Expected keywords that change the world, got {keywords}, with which it is the "
+                f"one that the run in {attacked.folder} attacked. Give others."
             )
-        task = _Task.of(wanted, there, given)
-        _check_same(path, task)
-        there.evaluator.expect(len(task.mu))
-        settled = _Progress(on_scores, len(task.mu))
-        comparison, scores = task.compare(settled)
-    write_samples(path.with_suffix(".npz"), scores)
-    write_model(path, comparison)
-    return Confirmation(comparison, scores, path)
+        if path.exists() and read_model(path, Comparison).there != task.there.target:
+            raise FileError(
+                f"Expected {path} to hold a confirmation with {keywords}, got one with "
+                f"{read_model(path, Comparison).keywords}. Name another file by --out (out=)."
+            )
+
+    (scored,) = _scored(
+        [attacked],
+        [],
+        keywords.get("agent"),
+        {name: value for name, value in keywords.items() if name != "agent"},
+        samples=samples,
+        seed=None,
+        workers=workers,
+        application=None,
+        on_scores=on_scores,
+        check=check,
+    )
+    told = scored.comparison.model_copy(update={"keywords": keywords})
+    write_samples(path.with_suffix(".npz"), scored.scores)
+    write_model(path, told)
+    return Rescored(told, scored.scores)
 
 
-class _Progress:
-    """Adds up the scores of several evaluations."""
+def _scored(
+    runs: Sequence[Run],
+    targets: Sequence[str | Application],
+    agent: str | None,
+    env_kwargs: Mapping[str, Any] | None,
+    *,
+    samples: int | None,
+    seed: int | None,
+    workers: int | Workers,
+    application: Application | str | None,
+    on_scores: OnScores,
+    check: Callable[[_Task], object] = lambda _: None,
+) -> list[Rescored]:
+    """Score each run's samples in each target; what is opened for one serves all runs."""
+    keywords = {} if env_kwargs is None else dict(env_kwargs)
+    check_keywords("env_kwargs", keywords)
+    _check_agent(agent, keywords, targets)
+    if not (targets or keywords or agent or seed is not None):
+        raise UserError(
+            "Expected a track, an agent, keywords or a seed to try the samples with, got none. "
+            "Name them by --to, --agent, --env-kwargs or --seed (to=, agent=, env_kwargs=, seed=)."
+        )
+    for named in targets:
+        check_spelling(named, None, {**keywords, **({} if agent is None else {"agent": agent})})
+    with ExitStack() as stack:
+        opened: dict[object, OpenTarget] = {}
+        tasks: list[_Task] = []
+        for run in runs:
+            chosen, seeds, space = _chosen(run, samples, seed, application)
+            for target in targets or (None,):
+                with_agent = agent or _own_agent(run.target, target)
+                key = (run.folder if target is None else target, with_agent)
+                if key not in opened:
+                    there = _open(run, target, keywords, with_agent, application, workers)
+                    opened[key] = stack.enter_context(there)
+                tasks.append(_Task.of(run, chosen, seeds, space, opened[key], keywords))
+                check(tasks[-1])
+        for there in opened.values():
+            there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
+        in_parts = InParts(on_scores, sum(len(task.mu) for task in tasks))
+        return [task.scored(in_parts) for task in tasks]
 
-    def __init__(self, on_scores: OnScores, total: int = 0) -> None:
-        self._on_scores, self.total = on_scores, total
-        self._done = self._cached = 0
 
-    @contextmanager
-    def counting(self) -> Iterator[Callable[[int, int], None]]:
-        """Yield what to report one evaluation's scores, and those from the store, to."""
-        latest = (0, 0)
-
-        def report(done: int, cached: int) -> None:
-            nonlocal latest
-            latest = done, cached
-            self._on_scores(self._done + done, self.total, self._cached + cached)
-
-        report(0, 0)
-        yield report
-        self._done, self._cached = self._done + latest[0], self._cached + latest[1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Wanted:
-    """The samples of a run that are wanted, their seeds elsewhere, and the space they lie in."""
-
-    run: Run
-    samples: Evaluations
-    seeds: list[int]
-    parameters: ParameterSpace
-
-    @classmethod
-    def of(
-        cls, run: Run, count: int | None, seed: int | None, application: Application | str | None
-    ) -> Self:
-        samples = run.samples
-        if count is not None:
-            check_integer("samples", count, 1, len(samples))
-            samples = samples[:count]
-        with run.open(application) as opened:
-            parameters = opened.parameters
-        seeds = samples.seed.tolist()
-        if seed is not None:
-            check_integer("seed", seed, 0)
-            seeds = evaluation_seeds(seed, "validation", 0, len(samples))
-        return cls(run, samples, seeds, parameters)
+def _chosen(
+    run: Run, count: int | None, seed: int | None, application: Application | str | None
+) -> tuple[Evaluations, list[int], ParameterSpace]:
+    """Return samples of a run, their seeds elsewhere, and the space that they lie in."""
+    samples = run.samples
+    if count is not None:
+        check_integer("samples", count, 1, len(samples))
+        samples = samples[:count]
+    seeds: list[int] = samples.seed.tolist()
+    if seed is not None:
+        check_integer("seed", seed, 0)
+        seeds = evaluation_seeds(seed, "validation", 0, len(samples))
+    with run.open(application) as opened:
+        return samples, seeds, opened.parameters
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
     """The samples of a run, as mu of the world in which they are to be scored."""
 
-    wanted: _Wanted
+    run: Run
+    samples: Evaluations
+    seeds: list[int]
     there: OpenTarget
     keywords: dict[str, Any]
     mu: Mu
     clipped: dict[str, int]
 
     @classmethod
-    def of(cls, wanted: _Wanted, there: OpenTarget, keywords: dict[str, Any]) -> Self:
-        place = str(wanted.run.folder)
-        mu, clipped = map_samples(
-            wanted.samples.mu, wanted.parameters, there.parameters, place, str(there.target)
-        )
-        return cls(wanted, there, keywords, mu, clipped)
+    def of(
+        cls,
+        run: Run,
+        samples: Evaluations,
+        seeds: list[int],
+        space: ParameterSpace,
+        there: OpenTarget,
+        keywords: dict[str, Any],
+    ) -> Self:
+        target = str(there.target)
+        mu, clipped = map_samples(samples.mu, space, there.parameters, str(run.folder), target)
+        return cls(run, samples, seeds, there, keywords, mu, clipped)
 
-    def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
-        wanted, run, there = self.wanted, self.wanted.run, self.there
-        with settled.counting() as report:
-            score, invalid = stored_scores(
-                there.evaluator, self.mu, wanted.seeds, run.folder / ELSEWHERE_FILE, report
-            )
-        scored = Evaluations(self.mu, score, np.array(wanted.seeds, np.int64), invalid)
-        valid = ~(wanted.samples.invalid | invalid)
+    def scored(self, on_scores: OnScores) -> Rescored:
+        run, there = self.run, self.there
+        store = run.folder / ELSEWHERE_FILE
+        scored = stored_scores(there.evaluator, self.mu, self.seeds, store, on_scores)
+        valid = ~(self.samples.invalid | scored.invalid)
         if not valid.any():
             raise UserError(
                 f"Expected samples of {run.folder} whose worlds are valid there as well, got none "
                 f"in {there.target}. Choose another one."
             )
-        old, new = wanted.samples[valid], scored[valid]
+        old, new = self.samples[valid], scored[valid]
         here = old.fooled(run.target.fooling_threshold)
         fooled = new.fooled(there.target.fooling_threshold)
         known, others = int(here.sum()), int((~here).sum())
@@ -316,7 +361,7 @@ class _Task:
             invalid=int((~valid).sum()),
             clipped=self.clipped,
         )
-        return comparison, scored
+        return Rescored(comparison, scored)
 
 
 def _rank_correlation(here: Floats, there: Floats) -> float | None:
@@ -332,19 +377,20 @@ def _open(
     target: str | Application | None,
     keywords: Mapping[str, Any],
     agent: str | None,
-    workers: int,
-    executor: Executor | None,
+    application: Application | str | None,
+    workers: int | Workers,
 ) -> OpenTarget:
-    options: dict[str, Any] = {"agent": agent, "workers": workers, "executor": executor}
     if target is not None:
-        return OpenTarget.of(target, keywords, **options)
-    if run.given.by != "id":
+        return OpenTarget.of(target, keywords, agent=agent, workers=workers)
+    if run.given.by == "id":
+        return run.open_changed(keywords, agent=agent, workers=workers)
+    if keywords or agent not in (None, run.target.agent):
         raise UserError(
             f"Expected a run of an id, whose keywords can change, got that of {run.folder} in an "
             "application of yours. Describe the other world in a file of its own, and name that "
             "by `sada-gym transfer --to FILE.toml`."
         )
-    return run.open_changed(keywords, **options)
+    return run.open(application, workers=workers)
 
 
 def _own_agent(here: Target, target: str | Application | None) -> str | None:
@@ -386,15 +432,3 @@ def _json_path(out: str | Path) -> Path:
     if path.suffix != ".json":
         raise UserError(f"Expected a file that ends in .json, got {path}.")
     return path
-
-
-def _check_same(path: Path, task: _Task) -> None:
-    """Raise a FileError where a file holds the confirmation of another world."""
-    if not path.exists():
-        return
-    old = read_model(path, Comparison)
-    if old.there != task.there.target:
-        raise FileError(
-            f"Expected {path} to hold a confirmation with {task.keywords}, got one with "
-            f"{old.keywords}. Name another file by --out (out=)."
-        )
