@@ -2,7 +2,6 @@
 
 import copy
 import json
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +11,6 @@ from safetensors.torch import load_file, save_file
 from stable_baselines3 import PPO
 from torch import nn
 
-import sada_gym
 from sada_gym import agents
 from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.detection import DetectionApplication
@@ -25,6 +23,7 @@ from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.errors import UserError
+from sada_gym.measures.reference import FOLDER
 
 PUBLISHED = {
     ("SADA-Detection-Car-v0", "photographer"): "710dee85db84a4c1",
@@ -67,7 +66,7 @@ def test_shipped_agents_are_known_by_what_published_scores_are_kept_under():
         for track, name in PUBLISHED
     }
     assert prints == PUBLISHED
-    index = Path(sada_gym.__file__).parent / "references" / "index.json"
+    index = FOLDER / "index.json"
     for row in json.loads(index.read_text())["references"]:
         known = PUBLISHED.get((row["track"], row["agent"]), row["fingerprint"][:16])
         assert known == row["fingerprint"][:16]

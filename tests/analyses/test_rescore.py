@@ -170,7 +170,8 @@ def test_a_run_is_confirmed_and_the_scores_lie_in_its_folder(tmp_path):
     with pytest.raises(FileError, match=r"got one with {'volume': 0.2}. Name another file"):
         confirm(folder, {"volume": 0.3})
     assert (folder / "confirmed.json").read_bytes() == before
-    assert confirm(folder, {"volume": 0.3}, out=tmp_path / "b.json").path.exists()
+    other = confirm(folder, {"volume": 0.3}, out=tmp_path / "b.json")
+    assert read_model(tmp_path / "b.json", Comparison) == other.comparison
     assert (tmp_path / "b.npz").exists()
 
 
@@ -267,7 +268,7 @@ def test_a_run_of_another_version_is_refused(analytic, tmp_path):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({}, "Expected a track, an agent or keywords"),
+        ({}, "Expected a track, an agent, keywords or a seed"),
         ({"to": "SADA-Digits-3-v0"}, "lacks x0, x1 and has besides contrast"),
         ({"to": "SADA-Digit-3-v0"}, "Did you mean 'SADA-Digits-3-v0'"),
         ({"to": 3}, "Expected an id or an Application or a list of them, got 3"),

@@ -73,7 +73,7 @@ VALID = {
         "--plan --suite digits",
     ],
     "check": ["pole.toml", "SADA-Analytic-v0", "push.py"],
-    "confirm": ["run", "pole --seeds 1", "run --env-kwargs digit=4", "run --env-kwargs digit=4 --samples 4 --workers 1"],
+    "confirm": ["pole --seeds 1", "run --env-kwargs digit=4 --samples 4 --workers 1"],
     "export": ["run --out new --confirm 0", "pole --out new.json --confirm 1"],
     "fetch": ["efficientnet-lite0 --file bytes", "--json"],
     "init": ["CartPole-v1 --agent push:act"],

@@ -95,6 +95,19 @@ def test_an_environment_id_works_in_processes_too():
         np.testing.assert_array_equal(oracle(MU), REFERENCE)
 
 
+@pytest.mark.parametrize(
+    ("given", "kind", "message"),
+    [
+        ({"count": 0}, ValueError, "workers of at least 1, got 0"),
+        ({"chunk_size": 0}, ValueError, "chunk_size of at least 1, got 0"),
+        ({"executor": 5}, TypeError, "Expected an executor of concurrent.futures, .* got 5"),
+    ],
+)
+def test_workers_that_cannot_be_are_refused(given, kind, message):
+    with pytest.raises(kind, match=message):
+        Workers(**given)
+
+
 @pytest.mark.parametrize("kind", [ThreadPoolExecutor, ProcessPoolExecutor])
 def test_any_executor_does_and_is_left_open(kind):
     with kind(2) as executor:
@@ -222,7 +235,7 @@ class Interrupting:
 def test_an_interrupt_keeps_what_was_evaluated(tmp_path, workers):
     store, log = tmp_path / "run.sqlite", tmp_path / "log"
     problem = Toy(log=str(log), pause_s=0.002)
-    settings = {"store": store, "workers": workers, "chunk_size": 10}
+    settings = {"store": store, "workers": Workers(workers, chunk_size=10)}
     with pytest.raises(KeyboardInterrupt):
         scores(problem, progress=Interrupting(3), **settings)
     known = []
@@ -235,7 +248,7 @@ def test_an_interrupt_keeps_what_was_evaluated(tmp_path, workers):
 def test_an_applications_error_comes_through_and_the_rest_is_kept(tmp_path, workers):
     store = tmp_path / "run.sqlite"
     mu = MU[np.argsort(MU[:, 0])]
-    settings = {"store": store, "workers": workers, "chunk_size": 10}
+    settings = {"store": store, "workers": Workers(workers, chunk_size=10)}
     with pytest.raises(RuntimeError, match="the world collapsed"):
         scores(Toy(fail_above=0.5), mu, **settings)
     known = []
@@ -367,7 +380,6 @@ def test_a_functions_bad_scores_are_refused(function, message):
         (Toy(), {"env_kwargs": {"a": 1}}, TypeError, "only with an environment id"),
         (42, {}, TypeError, "an Application or a function .* got 42"),
         (Toy(), {"workers": 0}, ValueError, "workers of at least 1, got 0"),
-        (Toy(), {"chunk_size": 0}, ValueError, "chunk_size of at least 1, got 0"),
         (Toy(), {"budget": -1}, ValueError, "Expected budget of at least 0, got -1"),
         (Toy(), {"seed": -1}, ValueError, "Expected seed of at least 0, got -1"),
         (Toy(), {"stream": "exam"}, ValueError, "stream of train, test, .* got 'exam'"),
@@ -388,7 +400,6 @@ def test_a_functions_bad_scores_are_refused(function, message):
         (Toy(), {"env_kwargs": ["a"]}, TypeError, r"env_kwargs to be a dictionary, got \['a'\]"),
         (Toy(), {"budget": True}, TypeError, "Expected budget to be a whole number, got True"),
         (Toy(), {"workers": "2"}, TypeError, "Expected workers to be a whole number, got '2'"),
-        (Toy(), {"executor": 5}, TypeError, "Expected an executor of concurrent.futures, .* got 5"),
         (Toy(), {"store": 5}, TypeError, "Expected the path of an evaluation store, got 5"),
         (Toy(), {"store": b"a"}, TypeError, "Expected the path of an evaluation store, got b'a'"),
         (Toy(), {"progress": 5}, TypeError, "Expected progress to be a function or None, got 5"),
