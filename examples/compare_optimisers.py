@@ -29,7 +29,7 @@ SEEDS = 3
 class Optimiser(MixtureAdversary):
     """Minimises Q, and fits a mixture to the 100 lowest points that fooled."""
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         chosen = self._select_fooling(queries, 100).chosen
         self._mixture = fit_best_mixture(chosen, SIZES, self.rng)
 
@@ -40,7 +40,7 @@ class TPE(Optimiser):
     name = "tpe"
     packages = ("optuna", "scikit-learn")
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         sampler = optuna.samplers.TPESampler(seed=int(self.rng.integers(2**31)))
         study = optuna.create_study(sampler=sampler)
         box = {
@@ -62,7 +62,7 @@ class CMAES(Optimiser):
     name = "cma-es"
     packages = ("cmaes", "scikit-learn")
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         search, found = self._start(), []
         while oracle.remaining:
             if search.should_stop():

@@ -40,21 +40,21 @@ class Neighbourhood(FittedAdversary):
     options_class = NeighbourhoodOptions
     options: NeighbourhoodOptions
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         """Spend half of the budget on uniform mu, the rest on samples around what they found."""
         half = max(1, oracle.remaining // 2)
         queries = evaluate_uniform(half, self.dimension, oracle, self.rng)
-        self._fit(queries)
-        closer = self._draw(oracle.remaining).astype(np.float32)
+        self.fit(queries)
+        closer = self.draw(oracle.remaining).astype(np.float32)
         return queries + evaluate(closer, oracle)
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         """Learn from all queries: keep those that fooled."""
         fooled = int(queries.fooled(self.threshold).sum())
         lowest = np.argsort(queries.score, kind="stable")
         self.kept = queries.mu[lowest[: max(fooled, self.options.least)]]
 
-    def _draw(self, n: int) -> np.ndarray:
+    def draw(self, n: int) -> np.ndarray:
         """Draw n mu, (n, d)."""
         around = self.kept[self.rng.integers(len(self.kept), size=n)]
         # reflected at the sides of the box

@@ -59,7 +59,7 @@ class Braking(Application):
         """What scores in a store belong to: other limits, other scores."""
         return hashlib.sha256(self.agent.limits.tobytes()).hexdigest()
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         first_speed, friction, slope, load = self.parameters.physical(mu).T
         brakes = np.minimum(BRAKES_N / (CAR_KG + load), friction * G_M_S2)
         deceleration = brakes + slope / 100.0 * G_M_S2

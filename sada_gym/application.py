@@ -64,7 +64,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Scored:
-    """An application's own `_evaluate` returns it: n scores and n dictionaries of extras.
+    """An application's own `evaluate_batch` returns it: n scores and n dictionaries of extras.
 
     Every dictionary has the same keys, and a key always the same type (arrays: one shape, too), so
     that a vector environment can batch them. Put data of varying length into a list.
@@ -81,8 +81,8 @@ class Application(ABC):
     """A frozen agent in a world built from mu, scored over a whole episode.
 
     A subclass must set `name`, `fooling_threshold`, `sample_size` and `parameters`, and implement
-    `_evaluate`. That method must be pure: Q(mu, seed) is the same to the last bit whatever else is
-    in the batch. `sada-gym check` tests that.
+    `evaluate_batch`. That method must be pure: Q(mu, seed) is the same to the last bit whatever
+    else is in the batch. `sada-gym check` tests that.
 
     A subclass may set or override
 
@@ -150,7 +150,7 @@ class Application(ABC):
         return (type(self),)
 
     @abstractmethod
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
@@ -307,8 +307,8 @@ class Application(ABC):
         )
 
     def _scored(self, mu: Mu, seeds: list[int]) -> tuple[Floats, Sequence[Mapping[str, Any]]]:
-        source = f"{type(self).__name__}._evaluate"
-        scored = self._evaluate(mu, seeds)
+        source = f"{type(self).__name__}.evaluate_batch"
+        scored = self.evaluate_batch(mu, seeds)
         if not isinstance(scored, Scored):
             raise UserTypeError(f"Expected a Scored from {source}, got {scored!r}. Return one.")
         score = real_scores(scored.score, source)

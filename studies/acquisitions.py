@@ -81,9 +81,9 @@ class OwnLast(Own):
 
     share = 0.0
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         self._left = self.options.rounds
-        return super()._query(oracle)
+        return super().query(oracle)
 
     def _acquisition(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         self._left -= 1

@@ -67,9 +67,9 @@ class Classifier:
                 *(nn.Linear(32, 32), nn.BatchNorm1d(32), nn.ReLU(), nn.Dropout(0.5)),
                 nn.Linear(32, 2),
             )
-            self._fit(log)
+            self.fit(log)
 
-    def _fit(self, log: TrainingLog) -> None:
+    def fit(self, log: TrainingLog) -> None:
         rows = torch.randperm(len(log.failed))
         held, kept = rows.split(
             [int(_VALIDATION * len(rows)), len(rows) - int(_VALIDATION * len(rows))]

@@ -61,7 +61,7 @@ class PlantedApplication(Application):
     def settings(self) -> dict[str, int]:
         return {"seed": self.setting.seed}
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         drawn = np.array([np.random.default_rng(seed).random() for seed in seeds])
         fooled = drawn < self.setting.rates((mu.astype(np.float64) + 1.0) / 2.0)
         return Scored(1.0 - fooled, [{} for _ in seeds])

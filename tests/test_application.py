@@ -1,4 +1,4 @@
-"""Application.evaluate: what it computes around `_evaluate`, and what it refuses."""
+"""Application.evaluate: what it computes around `evaluate_batch`, and what it refuses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Given(Application):
         self.score = np.asarray(score)
         self.extras = [{}] * len(self.score) if extras is None else extras
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         return Scored(self.score, self.extras)
 
 
@@ -84,7 +84,9 @@ def test_bad_seeds_are_refused(seeds: Sequence[Any], message: str) -> None:
 
 @pytest.mark.parametrize("score", [[np.nan], [np.inf], [1.5], [-0.1], [0.1, 0.2], [[0.1]]])
 def test_bad_scores_are_the_applications_fault(score: Any) -> None:
-    with pytest.raises(ValueError, match=r"Expected 1 scores in \[0, 1\] from Given._evaluate"):
+    with pytest.raises(
+        ValueError, match=r"Expected 1 scores in \[0, 1\] from Given.evaluate_batch"
+    ):
         Given(score, [{}]).evaluate([[0]], [0])
 
 
@@ -92,14 +94,14 @@ def test_bad_scores_are_the_applications_fault(score: Any) -> None:
     ("score", "dtype"), [(["0.5"], "<U3"), ([0.5 + 0j], "complex128"), ([None], "object")]
 )
 def test_scores_that_are_no_real_numbers_are_the_applications_fault(score: Any, dtype: str) -> None:
-    message = f"Expected scores from Given._evaluate to be real numbers, got dtype {dtype}"
+    message = f"Expected scores from Given.evaluate_batch to be real numbers, got dtype {dtype}"
     with pytest.raises(ValueError, match=message):
         Given(score).evaluate([[0]], [0])
 
 
 def test_masked_scores_are_the_applications_fault() -> None:
     class Masked(Given):
-        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
             return Scored(np.ma.masked_array([0.5], [True]), [{}])
 
     with pytest.raises(ValueError, match="Expected scores without a mask"):
@@ -113,16 +115,25 @@ def test_scores_that_are_booleans_count_as_0_and_1() -> None:
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (np.zeros(1), r"Expected a Scored from Odd._evaluate, got array\(\[0.\]\). Return one."),
-        (Scored(np.zeros(1), None), "Expected 1 extras from Odd._evaluate, one for each mu, got N"),  # type: ignore[arg-type]
-        (Scored(np.zeros(1), [3]), "Expected dictionaries as extras from Odd._evaluate, got 3"),  # type: ignore[list-item]
+        (
+            np.zeros(1),
+            r"Expected a Scored from Odd.evaluate_batch, got array\(\[0.\]\). Return one.",
+        ),
+        (
+            Scored(np.zeros(1), None),
+            "Expected 1 extras from Odd.evaluate_batch, one for each mu, got N",
+        ),  # type: ignore[arg-type]
+        (
+            Scored(np.zeros(1), [3]),
+            "Expected dictionaries as extras from Odd.evaluate_batch, got 3",
+        ),  # type: ignore[list-item]
     ],
 )
 def test_anything_but_scores_and_dictionaries_is_the_applications_fault(
     answer: Any, message: str
 ) -> None:
     class Odd(Given):
-        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
             return answer
 
     with pytest.raises(ValueError, match=message):
@@ -136,7 +147,7 @@ def test_seeds_that_are_no_list_are_refused(seeds: Any) -> None:
 
 
 def test_missing_extras_are_named() -> None:
-    with pytest.raises(ValueError, match=r"Expected 1 extras from Given._evaluate.*got 0"):
+    with pytest.raises(ValueError, match=r"Expected 1 extras from Given.evaluate_batch.*got 0"):
         Given([0.5], []).evaluate([[0]], [0])
 
 
@@ -252,7 +263,7 @@ def test_an_agent_that_differs_only_in_an_extra_is_refused() -> None:
     class Drawing(Given):
         agent = object()
 
-        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
             return Scored(self.score, [{"path": [np.random.default_rng().random(3)]}])
 
     with pytest.raises(ValueError, match="but object gave the path"):
@@ -263,7 +274,7 @@ def test_extras_that_are_nan_or_unknown_objects_say_nothing_about_the_agent() ->
     class Odd(Given):
         agent = object()
 
-        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
             extra = {"a": float("nan"), "b": np.array([np.nan]), "c": object(), "d": None}
             return Scored(self.score, [extra])
 

@@ -64,13 +64,13 @@ class Bayesian(MixtureAdversary):
     options_class = BayesianOptions
     options: BayesianOptions
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         o, budget = self.options, oracle.remaining
         initial = o.initial or min(10 * self.dimension, max(budget // 4, 1))
         queries = evaluate_uniform(min(initial, budget), self.dimension, oracle, self.rng)
         return minimise(oracle, queries, self.rng, candidates=o.candidates, batch=o.batch)
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         o = self.options
         late = queries[-o.last :]
         induced = select_fooling(late, self.threshold, self.rng, size=o.induced_size or None)

@@ -78,7 +78,7 @@ class BBGAN(FittedAdversary):
             if self._log:
                 self._log.close()
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         self._generator.manual_seed(int(self.rng.integers(2**62)))
         self._train_networks(queries)
 
@@ -95,7 +95,7 @@ class BBGAN(FittedAdversary):
                 logits = self._d(mu)
             self._ceiling = torch.quantile(logits, self.options.acceptance)
 
-    def _draw(self, n: int) -> Mu:
+    def draw(self, n: int) -> Mu:
         return self._propose(n, 0.0)
 
     def _propose(self, n: int, noise: float) -> Mu:
@@ -110,13 +110,13 @@ class BBGAN(FittedAdversary):
         rows: Mu = mu.numpy()
         return rows
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         tensors = {f"generator.{k}": v for k, v in self._g.state_dict().items()}
         tensors |= {f"discriminator.{k}": v for k, v in self._d.state_dict().items()}
         tensors |= {"ceiling": self._ceiling, "random_state": self._generator.get_state()}
         return {name: tensor.numpy() for name, tensor in tensors.items()}
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         self._g = Generator(self.dimension, self.options, self._generator)
         self._d = Discriminator(self.dimension, self.options, self._generator)
         for prefix, network in (("generator.", self._g), ("discriminator.", self._d)):
@@ -166,7 +166,7 @@ class BoostedBBGAN(BBGAN):
     def _train(self, oracle: Query) -> Evaluations:
         uniform, share = split_budget(oracle.remaining, self.options)
         queries = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
-        self._fit(queries)
+        self.fit(queries)
         for stage in range(self.options.stages if share else 0):
             self._set_queries(queries)
             sampled = evaluate(self._fresh(share), oracle)

@@ -61,7 +61,7 @@ class CMAMAE(FittedAdversary):
     options_class = CMAMAEOptions
     options: CMAMAEOptions
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         try:
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
@@ -114,7 +114,7 @@ class CMAMAE(FittedAdversary):
         ]
         return Scheduler(archive, emitters)
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         chosen = self._select_fooling(queries).chosen
         cells, count = KDTree(self._centroids), len(self._centroids)
         cell = cells.query(chosen)[1]
@@ -127,17 +127,17 @@ class CMAMAE(FittedAdversary):
         self._odds = weight / weight.sum()
         self._deviations = np.minimum(0.5 * nearest / np.sqrt(self.dimension), self.options.sigma)
 
-    def _draw(self, n: int) -> Floats:
+    def draw(self, n: int) -> Floats:
         row = self.rng.choice(len(self._points), n, p=self._odds)
         step = self._deviations[row, None] * self.rng.normal(size=(n, self.dimension))
         return reflect(self._points[row] + step)
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         return {"centroids": self._centroids}
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         self._centroids = validate_array(arrays, "centroids", self.options.cells, self.dimension)
-        self._fit(self.queries)
+        self.fit(self.queries)
 
     def _seed(self) -> int:
         return int(self.rng.integers(2**31))

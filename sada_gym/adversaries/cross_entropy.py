@@ -61,7 +61,7 @@ class CrossEntropy(FittedAdversary):
     options_class = CrossEntropyOptions
     options: CrossEntropyOptions
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         first, *later = self._split(oracle.remaining)
         newest = queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         self._stages: list[_Stage] = [(first, None, 1.0)]
@@ -78,7 +78,7 @@ class CrossEntropy(FittedAdversary):
             queries += newest
         return queries
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         level = self.threshold
         if queries.score.min() > level:
             self.flags.append(NONE_FOOLED)
@@ -130,7 +130,7 @@ class CrossEntropy(FittedAdversary):
         probability: Floats = expit(self._log_odds + below - above)
         return probability
 
-    def _draw(self, n: int) -> Floats:
+    def draw(self, n: int) -> Floats:
         # a tenth of the mixture's draws are kept for sure, unless a file says otherwise
         for _ in range(_TRIES):
             points = self._mixture.sample(2 * n + 64, self.rng)
@@ -144,13 +144,13 @@ class CrossEntropy(FittedAdversary):
             "adversary learnt is broken. Train it again."
         )
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         arrays: dict[str, Any] = {"odds": np.array([self._log_odds, self._ceiling])}
         for i, mixture in enumerate([self._mixture, *self._classes]):
             arrays |= {f"{i}.{name}": array for name, array in mixture.to_arrays().items()}
         return arrays
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         self._log_odds, self._ceiling = map(float, validate_array(arrays, "odds", 2))
         self._mixture, *self._classes = (
             Mixture.from_arrays(

@@ -45,16 +45,16 @@ class _Record(Strict):
     options: dict[str, Any]
     flags: tuple[OneLine, ...]
     threshold: float
-    before_fit: Mapping[str, Any]  # the generator's state before `_fit`
+    before_fit: Mapping[str, Any]  # the generator's state before `fit`
     generator: Mapping[str, Any]  # its state when the adversary was saved
 
 
 class FittedAdversary(Adversary):
     """An adversary that evaluates points, fits a model to them, and draws from the model.
 
-    A subclass implements `_fit` and `_draw`, and `_query` where its queries are not all uniform.
+    A subclass implements `fit` and `draw`, and `query` where its queries are not all uniform.
     Saving needs nothing more: loading fits again, to the same points and from the same state of
-    the generator. Where that takes long, a subclass saves the model: `_arrays` and `_restore`.
+    the generator. Where that takes long, a subclass saves the model: `arrays` and `restore`.
 
     Arguments are those of `Adversary`. `queries` are all points evaluated in training, at its
     `threshold`; no sample repeats one.
@@ -67,28 +67,28 @@ class FittedAdversary(Adversary):
     _query_keys: set[bytes]
     _before_fit: Mapping[str, Any]
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
-    def _draw(self, n: int) -> AnyFloats:
+    def draw(self, n: int) -> AnyFloats:
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         """Return what was learnt as arrays, which are saved. Here there is nothing to save."""
         return {}
 
-    def _restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
-        """Restore what `_arrays` gave; `queries` is known. Here it fits again."""
-        self._fit(self.queries)
+    def restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
+        """Restore what `arrays` gave; `queries` is known. Here it fits again."""
+        self.fit(self.queries)
 
     def _propose(self, n: int, noise: float) -> AnyFloats:
-        drawn = self._draw(n)
+        drawn = self.draw(n)
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
 
     def _uniform(self, n: int) -> Mu:
@@ -115,9 +115,9 @@ class FittedAdversary(Adversary):
         self._trained = True
 
     def _train(self, oracle: Query) -> Evaluations:
-        queries = self._query(oracle)
+        queries = self.query(oracle)
         self._before_fit = self.rng.bit_generator.state
-        self._fit(queries)
+        self.fit(queries)
         return queries
 
     def sample(self, n: int) -> Mu:
@@ -145,7 +145,7 @@ class FittedAdversary(Adversary):
         self._check_trained("save")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        arrays = {**self._arrays(), "omega.mu": self.queries.mu, "omega.score": self.queries.score}
+        arrays = {**self.arrays(), "omega.mu": self.queries.mu, "omega.score": self.queries.score}
         # safetensors writes the memory as it lies, whatever the strides
         content = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
         write_file(folder / _ARRAYS, content)
@@ -196,7 +196,7 @@ class FittedAdversary(Adversary):
         adversary._set_queries(Evaluations.unseeded(mu, score))
         adversary._before_fit = record.before_fit
         adversary.rng.bit_generator.state = record.before_fit
-        adversary._restore(arrays)
+        adversary.restore(arrays)
         adversary.rng.bit_generator.state = record.generator
         adversary.flags = list(record.flags)
         adversary._trained = True

@@ -20,13 +20,13 @@ class GaussianOptions(Options):
 
 
 class MixtureAdversary(FittedAdversary):
-    """A learner whose distribution is a mixture, `_mixture`, which `_fit` sets."""
+    """A learner whose distribution is a mixture, `_mixture`, which `fit` sets."""
 
     packages = ("scikit-learn",)
 
     _mixture: Mixture
 
-    def _draw(self, n: int) -> Floats:
+    def draw(self, n: int) -> Floats:
         return self._mixture.sample(n, self.rng)
 
 
@@ -46,7 +46,7 @@ class Gaussian(MixtureAdversary):
 
     options: GaussianOptions
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         chosen = self._select_fooling(queries, self.options.induced_size).chosen
         components = max(1, round(self.components_share * len(chosen)))
         self._mixture = fit_mixture(chosen, components, self.rng)

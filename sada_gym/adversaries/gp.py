@@ -31,7 +31,7 @@ class GP(Selection):
     name: ClassVar[str] = "gp"
     packages = ()
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         if len(queries) > MAX_POINTS:
             self.flags.append(f"fitted to the first {MAX_POINTS} points of Omega's {len(queries)}")
         # Omega is in random order: its first points are a random subset
@@ -51,7 +51,7 @@ class GP(Selection):
         x = self.queries.mu[: len(self._weights)].astype(np.float64)
         return self._mean + predict_mean(self._kernel, x, self._weights, mu)
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         return {
             "mean": np.array(self._mean),
             "weights": self._weights,
@@ -60,7 +60,7 @@ class GP(Selection):
             "noise": np.array(self._kernel.noise),
         }
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         points = min(len(self.queries), MAX_POINTS)
         self._mean = float(validate_array(arrays, "mean"))
         self._weights = validate_array(arrays, "weights", points)

@@ -98,7 +98,7 @@ class LevelSet(FittedAdversary):
         first = max(int(self.options.uniform * queries), MIN_BUDGET)
         return first if self.options.rounds else queries
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         budget = oracle.remaining
         if budget < MIN_BUDGET:
             raise BudgetTooSmall(
@@ -196,7 +196,7 @@ class LevelSet(FittedAdversary):
         """Return the value of querying each mu of the pool, which fools with chance p: (m,)."""
         return p * (1.0 - p)
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         if not queries.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
@@ -248,15 +248,15 @@ class LevelSet(FittedAdversary):
             covered.append(density_and_coverage(reference, fooling).coverage)
         return float(np.mean(covered))
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         return {"hits_pay": np.array([self.hits_pay], np.uint8)}
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         # an adversary saved before hits were tried has no such array, and samples the level set
         self.hits_pay = "hits_pay" in arrays and bool(validate_array(arrays, "hits_pay", 1)[0])
-        super()._restore(arrays)
+        super().restore(arrays)
 
-    def _draw(self, n: int) -> AnyFloats:
+    def draw(self, n: int) -> AnyFloats:
         if not len(self._centres):
             return self._draw_level_set(n)
         count = int(self.rng.binomial(n, self.options.beside))

@@ -26,13 +26,13 @@ class Memorise(FittedAdversary):
     packages = ()
     uniform_queries: ClassVar[bool] = True
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         self.flags = [MEMORISED]
         self._points = self._select_fooling(queries).chosen
 
-    def _draw(self, n: int) -> Mu:
+    def draw(self, n: int) -> Mu:
         rounds = -(-n // len(self._points))
         order = [self.rng.permutation(len(self._points)) for _ in range(rounds)]
         return self._points[np.concatenate([*order, np.zeros(0, np.intp)])[:n].astype(np.intp)]
 
-    _fresh = _draw  # samples may repeat
+    _fresh = draw  # samples may repeat

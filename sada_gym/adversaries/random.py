@@ -21,13 +21,13 @@ class Random(FittedAdversary):
     name: ClassVar[str] = "random"
     packages = ()
 
-    def _query(self, oracle: Query) -> Evaluations:  # noqa: ARG002 - there is nothing to ask
+    def query(self, oracle: Query) -> Evaluations:  # noqa: ARG002 - there is nothing to ask
         return Evaluations.unseeded(self._uniform(0), np.zeros(0))
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         """Learn nothing."""
 
-    def _draw(self, n: int) -> Mu:
+    def draw(self, n: int) -> Mu:
         return self._uniform(n)
 
-    _fresh = _draw
+    _fresh = draw

@@ -54,7 +54,7 @@ class Reinforce(RLAdversary):
     }
     options: ReinforceOptions
 
-    def _begin(self, budget: int) -> None:  # noqa: ARG002 - it keeps none
+    def begin(self, budget: int) -> None:  # noqa: ARG002 - it keeps none
         o, shape = self.options, (self.options.components, self.dimension)
         means = self.rng.uniform(-1.0, 1.0, shape) if o.components > 1 else np.zeros(shape)
         start = {
@@ -65,15 +65,15 @@ class Reinforce(RLAdversary):
         self._parameters = {k: torch.tensor(v, requires_grad=True) for k, v in start.items()}
         self._adam = torch.optim.Adam(self._parameters.values(), o.learning_rate)
 
-    def _act(self, n: int) -> PolicySteps:
-        logits, means, log_deviations = self._arrays().values()
+    def act(self, n: int) -> PolicySteps:
+        logits, means, log_deviations = self.arrays().values()
         chosen = self.rng.choice(len(logits), n, p=softmax(logits))
         noise = self.rng.normal(size=(n, self.dimension))
         with np.errstate(over="ignore", invalid="ignore"):  # what diverged is refused by name
             action = means[chosen] + np.exp(log_deviations[chosen]) * noise
         return PolicySteps(np.zeros_like(action), action)
 
-    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
+    def learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         with one_thread():
             log_density = self._log_density(torch.as_tensor(steps.action))
             reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
@@ -90,10 +90,10 @@ class Reinforce(RLAdversary):
         normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - log_deviations
         return (normal.sum(dim=2) + logits.log_softmax(dim=0)).logsumexp(dim=1)
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         return {name: value.detach().numpy() for name, value in self._parameters.items()}
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         count, d = self.options.components, self.dimension
         shapes = {"logits": (count,), "means": (count, d), "log_deviations": (count, d)}
         self._parameters = {

@@ -62,21 +62,21 @@ class RLAdversary(FittedAdversary):
     An episode is one proposal, so the policy at the first observation is the learnt distribution.
     Rewards depend on the order of the scores alone; see `failure_rewards`.
 
-    A subclass implements `_begin`, `_act`, `_learn` and `_arrays`, `_restore`.
+    A subclass implements `begin`, `act`, `learn` and `arrays`, `restore`.
     """
 
     options: RLOptions
 
     @abstractmethod
-    def _begin(self, budget: int) -> None:
+    def begin(self, budget: int) -> None:
         """Make a new policy with room for so many queries."""
 
     @abstractmethod
-    def _act(self, n: int) -> PolicySteps:
+    def act(self, n: int) -> PolicySteps:
         """Let the policy propose n rows; all randomness comes from the adversary's generator."""
 
     @abstractmethod
-    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
+    def learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         """Improve the policy by its last rollout; return whether all weights are finite."""
 
     def _learn_uniform(self, queries: Evaluations, rewards: Floats) -> None:
@@ -92,20 +92,20 @@ class RLAdversary(FittedAdversary):
                 "budget, or lower the option rollout."
             )
         queries = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
-        self._begin(budget)
+        self.begin(budget)
         self._learn_uniform(queries, self._rewards(queries, queries[:0]))
         for done in range(rollouts):
-            steps = self._act(size)
+            steps = self.act(size)
             if not np.isfinite(steps.action).all():
                 raise self._diverged(done)
             asked = evaluate(steps.mu, oracle)
-            if not self._learn(steps, self._rewards(asked, queries)):
+            if not self.learn(steps, self._rewards(asked, queries)):
                 raise self._diverged(done + 1)
             queries += asked
-        self._fit(queries)
+        self.fit(queries)
         return queries
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         """Flag a training without failures; the policy has already learnt from its rollouts."""
         self.flags = [] if queries.fooled(self.threshold).any() else [NONE_FOOLED]
 
@@ -134,8 +134,8 @@ class RLAdversary(FittedAdversary):
             f"{self.options.learning_rate:g})."
         )
 
-    def _draw(self, n: int) -> Mu:
-        return self._act(n).mu
+    def draw(self, n: int) -> Mu:
+        return self.act(n).mu
 
 
 def failure_rewards(

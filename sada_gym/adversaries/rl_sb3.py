@@ -43,7 +43,7 @@ class SB3Adversary(RLAdversary):
     learnt distribution may lie in many places at once.
 
     A subclass names its `algorithm`, the class in `stable_baselines3`, and implements `_settings`,
-    `_moments` and `_learn`, and `_squash` where it needs it.
+    `_moments` and `learn`, and `_squash` where it needs it.
     """
 
     packages = ("scikit-learn", "torch", "stable-baselines3")
@@ -63,7 +63,7 @@ class SB3Adversary(RLAdversary):
         """Turn draws of the Gaussian, (n, d), into actions."""
         return drawn
 
-    def _begin(self, budget: int) -> None:
+    def begin(self, budget: int) -> None:
         import stable_baselines3
         from stable_baselines3.common.logger import configure
 
@@ -79,7 +79,7 @@ class SB3Adversary(RLAdversary):
             self._model = model("MlpPolicy", env, device="cpu", **settings)
         self._model.set_logger(configure(None, []))
 
-    def _act(self, n: int) -> PolicySteps:
+    def act(self, n: int) -> PolicySteps:
         start = np.zeros((n, self.dimension))
         if self.options.starts == "uniform":
             start = self.rng.uniform(-1.0, 1.0, (n, self.dimension))
@@ -108,12 +108,12 @@ class SB3Adversary(RLAdversary):
             set_random_seed(seed)
             yield
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         weights = self._model.policy.state_dict()
         return {f"policy.{name}": tensor.numpy() for name, tensor in weights.items()}
 
-    def _restore(self, arrays: Arrays) -> None:
-        self._begin(budget=1)
+    def restore(self, arrays: Arrays) -> None:
+        self.begin(budget=1)
         weights = without_prefix(arrays, "policy.")
         self._model.policy.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})
 
@@ -165,7 +165,7 @@ class PPO(SB3Adversary):
         normal = self._model.policy.get_distribution(start).distribution
         return normal.mean, normal.stddev
 
-    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
+    def learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         rows = steps.start, steps.action
         tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
         with torch.no_grad(), one_thread():
@@ -207,7 +207,7 @@ class OffPolicyAdversary(SB3Adversary):
             start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
         self._remember(PolicySteps(start, mu - start), rewards)
 
-    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
+    def learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         self._remember(steps, rewards)
         updates = max(1, round(self.options.updates * self.options.rollout))
         return self._update(gradient_steps=updates, batch_size=self.options.batch)

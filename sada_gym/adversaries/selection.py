@@ -51,15 +51,15 @@ class Selection(FittedAdversary):
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
     def _train(self, oracle: Query) -> Evaluations:
-        queries = self._query(oracle)
+        queries = self.query(oracle)
         if not queries.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED_BUT_ALL_LEARNT)
         # more threads would give other last bits
         with threadpool_limits(1):
-            self._fit(queries)
+            self.fit(queries)
         return queries
 
-    def _draw(self, n: int) -> AnyFloats:
+    def draw(self, n: int) -> AnyFloats:
         size = max(self.options.pool or len(self.queries), _MIN_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):

@@ -59,7 +59,7 @@ class SMC(FittedAdversary):
     options_class = SMCOptions
     options: SMCOptions
 
-    def _query(self, oracle: Query) -> Evaluations:
+    def query(self, oracle: Query) -> Evaluations:
         o, budget = self.options, oracle.remaining
         uniform = math.ceil(budget * o.uniform_share)
         per_level = math.ceil(budget * o.level_share)
@@ -76,7 +76,7 @@ class SMC(FittedAdversary):
             queries += asked
         return queries
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         self._points = np.unique(self._select_fooling(queries).chosen, axis=0).astype(np.float64)
         self._nearest = np.zeros((1, 1), np.intp)
         if len(self._points) > 1:
@@ -107,7 +107,7 @@ class SMC(FittedAdversary):
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
         return states, proposals
 
-    def _draw(self, n: int) -> Floats:
+    def draw(self, n: int) -> Floats:
         first = self.rng.integers(len(self._points), size=n)
         second = self._nearest[first, self.rng.integers(self._nearest.shape[1], size=n)]
         way = self.rng.random((n, 1))

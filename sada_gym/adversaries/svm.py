@@ -40,7 +40,7 @@ class SVM(Selection):
     name: ClassVar[str] = "svm"
     packages = ("scikit-learn",)
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         x = _UNIT_VARIANCE * queries.mu.astype(np.float64)
         label = np.digitize(queries.score, _EDGES)
         self._classes = np.unique(label)
@@ -75,7 +75,7 @@ class SVM(Selection):
         predicted: Floats = self._classes[votes.argmax(axis=1)].astype(np.float64)
         return predicted
 
-    def _arrays(self) -> Arrays:
+    def arrays(self) -> Arrays:
         return {
             "classes": self._classes,
             "gamma": np.array(self._gamma),
@@ -84,7 +84,7 @@ class SVM(Selection):
             "intercepts": self._intercepts,
         }
 
-    def _restore(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
         self._classes = validate_array(arrays, "classes", None)
         count = len(self._classes)
         if not 1 <= count <= len(_EDGES) + 1:

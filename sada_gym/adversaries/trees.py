@@ -40,7 +40,7 @@ class Trees(FittedAdversary):
     options_class = TreesOptions
     options: TreesOptions
 
-    def _fit(self, queries: Evaluations) -> None:
+    def fit(self, queries: Evaluations) -> None:
         fooled = queries.fooled(self.threshold)
         if not fooled.any():
             self.flags.append(NONE_FOOLED)
@@ -49,7 +49,7 @@ class Trees(FittedAdversary):
             self.options.trees, random_state=int(self.rng.integers(2**31))
         ).fit(queries.mu, fooled)
 
-    def _draw(self, n: int) -> AnyFloats:
+    def draw(self, n: int) -> AnyFloats:
         pool, p = self._uniform(0), np.zeros(0)
         while len(pool) < _POOL:
             drawn = self._uniform(_PART)

@@ -48,7 +48,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         self._all: TaskID | None = None
         self._tasks: dict[_Group, TaskID] = {}
         self._doing: dict[_Group, str] = {}
-        self._evaluated: dict[_Group, int] = {}  # by each group's current run
+        self.evaluate_batchd: dict[_Group, int] = {}  # by each group's current run
         self._recent: deque[tuple[float, int]] = deque()
         self._lock = threading.RLock()  # another thread calls `_line`
 
@@ -79,7 +79,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         with self._lock:
             task, group = self._task(run), _group(run)
             self._count(run, timing.evaluated)
-            self._evaluated.pop(group)
+            self.evaluate_batchd.pop(group)
             self.finished += 1
             self._left.remove(run)
             self._took.setdefault((run.key.table, run.label), []).append(timing.wall_s)
@@ -101,10 +101,10 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         return self._tasks[group]
 
     def _count(self, run: RunSettings, evaluated: int) -> None:
-        before = self._evaluated.get(_group(run), 0)
+        before = self.evaluate_batchd.get(_group(run), 0)
         # a run that is repeated because its process died counts from 0
         self._recent.append((time.monotonic(), max(0, evaluated - before)))
-        self._evaluated[_group(run)] = evaluated
+        self.evaluate_batchd[_group(run)] = evaluated
 
     def _refresh(self) -> None:
         assert self._all is not None

@@ -57,7 +57,7 @@ def test_luck_fades():
     fools = rng.uniform(size=2000) < np.where(mu[:, 0] > 0.0, 0.9, 0.03)
     adversary = CMAMAE(2, seed=0)
     adversary.threshold, adversary._centroids = 0.3, centroids
-    adversary._fit(Evaluations.unseeded(mu.astype(np.float32), np.where(fools, 0.0, 0.6)))
+    adversary.fit(Evaluations.unseeded(mu.astype(np.float32), np.where(fools, 0.0, 0.6)))
     lucky = adversary._points[:, 0] < -0.2
     assert lucky.mean() > 0.02
     assert adversary._odds[lucky].sum() < 0.4 * lucky.mean()

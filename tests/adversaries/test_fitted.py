@@ -30,12 +30,12 @@ class Box(FittedAdversary):
     options_class = BoxOptions
     presets = {"default": BoxOptions(), "wide": BoxOptions(margin=0.1)}  # noqa: RUF012
 
-    def _fit(self, queries):
+    def fit(self, queries):
         chosen = select_fooling(queries, self.threshold, self.rng, size=20).chosen
         self.low = np.maximum(chosen.min(axis=0) - self.options.margin, -1.0)
         self.high = np.minimum(chosen.max(axis=0) + self.options.margin, 1.0)
 
-    def _draw(self, n):
+    def draw(self, n):
         return self.rng.uniform(self.low, self.high, (n, self.dimension))
 
 
@@ -139,10 +139,10 @@ def test_a_foreign_record_is_refused_in_one_line(change, message, tmp_path):
 
 def test_arrays_of_any_memory_order_are_saved(tmp_path):
     class Turned(Box):
-        def _arrays(self):
+        def arrays(self):
             return {"turned": np.arange(6.0).reshape(2, 3).T, "low": self.low, "high": self.high}
 
-        def _restore(self, arrays):
+        def restore(self, arrays):
             self.turned, self.low, self.high = arrays["turned"], arrays["low"], arrays["high"]
 
     trained(Turned(2, seed=0)).save(tmp_path)

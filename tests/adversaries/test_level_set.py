@@ -180,7 +180,7 @@ def test_where_luck_hides_many_spots_samples_lie_beside_hits_and_fool_more_often
     without, _ = trained(spots(), dimension=5, rounds=2, models=["process"], trial=0.0)
     assert not without.hits_pay
     assert lucky.queries.fooled(THRESHOLD).sum() > without.queries.fooled(THRESHOLD).sum()
-    rates = [spots().fooling_rate(a._draw(1_000)).mean() for a in (without, lucky)]
+    rates = [spots().fooling_rate(a.draw(1_000)).mean() for a in (without, lucky)]
     assert rates[1] > rates[0] + 0.1
 
 
@@ -190,7 +190,7 @@ def test_samples_beside_hits_and_in_the_level_set_have_the_parts_asked_for(lucky
         distances = np.linalg.norm(samples[:, None] - lucky._centres[None], axis=2)
         return distances.min(axis=1) > 5 * lucky.options.width
 
-    samples = lucky._draw(4_000)
+    samples = lucky.draw(4_000)
     assert len(samples) == 4_000
     expected = 0.25 * far(lucky._draw_level_set(2_000)).mean()
     assert expected > 0.1

@@ -73,8 +73,8 @@ def test_the_whole_budget_is_spent_and_learnt_from(name, budget):
     oracle = FunctionOracle(AnalyticScore(2), budget)
     options = {**QUICK[name], "rollout": 20, "dissimilarity": 0.5}
     adversary = adversaries.make(name, 2, seed=0, **options)
-    learnt, learn = [], adversary._learn
-    adversary._learn = lambda proposals, rewards: (
+    learnt, learn = [], adversary.learn
+    adversary.learn = lambda proposals, rewards: (
         learnt.append(proposals.mu) or learn(proposals, rewards)
     )
     adversary.train(oracle)
@@ -192,7 +192,7 @@ def test_where_nothing_fools_the_order_of_scores_leads_to_the_lowest(name):
 @pytest.mark.parametrize("what", ["weights", "loss"])
 def test_training_that_diverges_is_an_error_that_says_what_to_change(name, what, monkeypatch):
     adversary = adversaries.make(name, 2, seed=0, **QUICK[name])
-    begin, number = adversary._begin, float("nan" if what == "weights" else "inf")
+    begin, number = adversary.begin, float("nan" if what == "weights" else "inf")
 
     def spoil(**settings):
         for weights in adversary._model.policy.parameters():
@@ -205,7 +205,7 @@ def test_training_that_diverges_is_an_error_that_says_what_to_change(name, what,
         else:
             adversary._model.train = spoil
 
-    monkeypatch.setattr(adversary, "_begin", begin_badly)
+    monkeypatch.setattr(adversary, "begin", begin_badly)
     oracle = RecordingOracle(AnalyticApplication(), budget=200)
     with pytest.raises(TrainingDiverged, match=rf"training of {name} .*Lower learning_rate"):
         adversary.train(oracle)
@@ -216,13 +216,13 @@ def test_training_that_diverges_is_an_error_that_says_what_to_change(name, what,
 def test_one_start_gives_one_place_and_many_starts_many(name):
     for starts, many in (("centre", False), ("uniform", True)):
         adversary, _ = trained(name, starts=starts)
-        start = adversary._act(30).start
+        start = adversary.act(30).start
         assert (len(np.unique(start, axis=0)) > 1) == many
 
 
 def test_the_policy_of_ppo_is_sampled_as_stable_baselines3_would():
     adversary, _ = trained("ppo", starts="centre", rollout=20)
-    action = np.stack([adversary._act(1).action[0] for _ in range(4000)])
+    action = np.stack([adversary.act(1).action[0] for _ in range(4000)])
     theirs, _ = adversary._model.predict(np.zeros((4000, 2), np.float32))
     inside = np.abs(action).max(axis=1) < 1.0  # SB3 clips what lies outside
     kept = np.abs(theirs).max(axis=1) < 1.0
@@ -232,7 +232,7 @@ def test_the_policy_of_ppo_is_sampled_as_stable_baselines3_would():
 @pytest.mark.parametrize("name", ["sac", "td3"])
 def test_off_policy_policies_are_sampled_as_stable_baselines3_would(name):
     adversary, _ = trained(name, starts="centre")
-    action = adversary._act(4000).action
+    action = adversary.act(4000).action
     theirs, _ = adversary._model.predict(np.zeros((4000, 2), np.float32), deterministic=False)
     if name == "td3":
         theirs = theirs + adversary.options.noise * np.random.default_rng(0).normal(size=(4000, 2))

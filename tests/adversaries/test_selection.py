@@ -11,17 +11,17 @@ class First(Selection):
     name = "first"
     steps = 10**9
 
-    def _fit(self, queries):
+    def fit(self, queries):
         self.pools = []
 
     def _predict(self, mu):
         self.pools.append(mu)
         return np.floor(mu[:, 0] * self.steps)
 
-    def _arrays(self):
+    def arrays(self):
         return {}
 
-    def _restore(self, arrays):
+    def restore(self, arrays):
         pass
 
 

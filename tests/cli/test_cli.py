@@ -472,7 +472,7 @@ class Mine(Application):
     sample_size = 10
     parameters = ParameterSpace(Parameter("a", 0.0, 1.0))
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         return Scored(np.full(len(mu), 1 / len(mu)), [{}] * len(mu))
 """
 

@@ -21,7 +21,7 @@ class Noisy(Application):
     name, fooling_threshold, sample_size = "Noisy", 0.3, 10
     parameters = ParameterSpace(Parameter("x", 0, 1))
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         print("a word")
         os.write(1, b"a word of a library in C")
         return Scored(np.full(len(mu), 0.5), [{} for _ in mu])

@@ -29,11 +29,11 @@ class Counting(AnalyticApplication):
         self.evaluations = 0
         self.failing = False
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         if self.failing:
             raise OSError("the simulator is gone")
         self.evaluations += len(mu)
-        scored = super()._evaluate(mu, seeds)
+        scored = super().evaluate_batch(mu, seeds)
         extras = [
             {
                 **extra,

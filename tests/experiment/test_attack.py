@@ -97,7 +97,7 @@ def test_the_same_seed_gives_the_same_files_and_another_another(tmp_path):
 
 def test_a_run_that_fails_in_its_first_evaluation_leaves_nothing(tmp_path):
     class Broken(Toy):
-        def _evaluate(self, mu, seeds):
+        def evaluate_batch(self, mu, seeds):
             raise RuntimeError("the simulator crashed")
 
     for _ in range(2):

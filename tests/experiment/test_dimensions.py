@@ -21,8 +21,8 @@ SLOW = {"bbgan", "bbgan-boost", "cma-mae"}
 class Steep(Toy):
     """Fails where its first angle is above 36 degrees."""
 
-    def _evaluate(self, mu, seeds):
-        scored = super()._evaluate(mu, seeds)
+    def evaluate_batch(self, mu, seeds):
+        scored = super().evaluate_batch(mu, seeds)
         scored.score[:] = [0.1 if row[0] > 0.4 else 0.9 for row in mu]
         return scored
 

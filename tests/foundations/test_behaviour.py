@@ -231,7 +231,7 @@ class Told(Application):
     sample_size = 10
     parameters = ParameterSpace(Parameter("a", 0, 10))
 
-    def _evaluate(self, mu: Any, seeds: Any) -> Scored:
+    def evaluate_batch(self, mu: Any, seeds: Any) -> Scored:
         ending = {True: "fell over", False: "stood"}
         score = (mu[:, 0].astype(np.float64) + 1) / 2
         return Scored(score, [{"ending": ending[q <= 0.3], "height": float(q)} for q in score])

@@ -30,7 +30,7 @@ class Hostile(Application):
     def legend(self):
         return (LegendEntry("<b>bold</b> & 'quoted'", "#d55e00", "dashed box"),)
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         return Scored((mu[:, 0].astype(float) + 1) / 2, [{} for _ in seeds])
 
     def behaviour(self, info):

@@ -64,7 +64,7 @@ class Toy(Application):
     def fingerprint(self) -> str | None:
         return self.agent_id
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         return Scored(
             np.array([self._one(m, s) for m, s in zip(mu, seeds, strict=True)]), [{}] * len(mu)
         )
@@ -115,11 +115,11 @@ class Greedy(Adversary):
         half = oracle.remaining // 2
         mu = self.rng.uniform(-1, 1, (half, self.dimension)).astype(np.float32)
         q = oracle(mu)
-        self._fit(mu, q)
+        self.fit(mu, q)
         more = self.sample(oracle.remaining)
-        self._fit(np.concatenate([mu, more]), np.concatenate([q, oracle(more)]))
+        self.fit(np.concatenate([mu, more]), np.concatenate([q, oracle(more)]))
 
-    def _fit(self, mu: Mu, q: npt.NDArray[np.float64]) -> None:
+    def fit(self, mu: Mu, q: npt.NDArray[np.float64]) -> None:
         lowest = mu[np.argsort(q, kind="stable")[: self.best]]
         self.mean, self.std = lowest.mean(axis=0), lowest.std(axis=0)
 

@@ -31,7 +31,7 @@ class Base(Application):
     fooling_threshold = 0.3
     sample_size = 20
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         score = np.abs(mu.astype(np.float64)).mean(axis=1) * SCALE
         return Scored(score, [{} for _ in seeds])
 
@@ -60,36 +60,36 @@ class Plain(Application):
     sample_size = 10
     parameters = ParameterSpace(Parameter("a", 0, 1), Parameter("b", 0, 1))
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.abs(mu.astype(np.float64)).mean(axis=1)
         return Scored(score, [{} for _ in seeds])
 
 
 class Dead(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        return super()._evaluate(mu[:, :1], seeds)
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        return super().evaluate_batch(mu[:, :1], seeds)
 
 
 class TooHigh(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        return Scored(super()._evaluate(mu, seeds).score + 1, [{} for _ in seeds])
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        return Scored(super().evaluate_batch(mu, seeds).score + 1, [{} for _ in seeds])
 
 
 class Careless(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         noise = 0.1 * np.random.rand(len(mu))  # noqa: NPY002 - the fault under test
-        return Scored(super()._evaluate(mu, seeds).score * 0.5 + noise, [{} for _ in seeds])
+        return Scored(super().evaluate_batch(mu, seeds).score * 0.5 + noise, [{} for _ in seeds])
 
 
 class Meddling(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         np.random.seed(0)  # noqa: NPY002 - the fault under test
-        return super()._evaluate(mu, seeds)
+        return super().evaluate_batch(mu, seeds)
 
 
 class Averaging(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        score = super()._evaluate(mu, seeds).score
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        score = super().evaluate_batch(mu, seeds).score
         return Scored(0.9 * score + 0.1 * score.mean(), [{} for _ in seeds])
 
 
@@ -98,8 +98,8 @@ class Tiled(Plain):
 
     tile = 8
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        score = super()._evaluate(mu, seeds).score
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        score = super().evaluate_batch(mu, seeds).score
         for start in range(0, len(score), self.tile):
             tile = slice(start, start + self.tile)
             score[tile] = 0.9 * score[tile] + 0.1 * score[tile].max()
@@ -112,22 +112,24 @@ class Counting(Plain):
     tile = 1
     calls = 0
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         self.calls += 1
-        return Scored(super()._evaluate(mu, seeds).score / self.calls, [{} for _ in seeds])
+        return Scored(super().evaluate_batch(mu, seeds).score / self.calls, [{} for _ in seeds])
 
 
 class Moody(Plain):
     """Gives an extra only sometimes."""
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         extras = [{"hit": True} if seed % 2 else {} for seed in seeds]
-        return Scored(super()._evaluate(mu, seeds).score, extras)
+        return Scored(super().evaluate_batch(mu, seeds).score, extras)
 
 
 class NotANumber(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        return Scored(super()._evaluate(mu, seeds).score, [{"speed": float("nan")} for _ in seeds])
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        return Scored(
+            super().evaluate_batch(mu, seeds).score, [{"speed": float("nan")} for _ in seeds]
+        )
 
 
 class Unpicklable(Plain):
@@ -149,7 +151,7 @@ class Smudged(Plain):
 
 
 class Crashing(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         raise KeyError("wheel")
 
 
@@ -166,7 +168,7 @@ def test_a_sound_application_passes_every_check() -> None:
     ("application", "name", "sentence"),
     [
         (Dead, "live parameters", "got no change by b over 128 pairs of worlds"),
-        (TooHigh, "scores and infos", "Expected 32 scores in [0, 1] from TooHigh._evaluate"),
+        (TooHigh, "scores and infos", "Expected 32 scores in [0, 1] from TooHigh.evaluate_batch"),
         (Careless, "randomness", "Draw all randomness from numpy.random.default_rng(seed)"),
         (Meddling, "randomness", "evaluate moved one. Use numpy.random.default_rng(seed)"),
         (Averaging, "purity", "Expected the same score whatever surrounds an evaluation"),
@@ -214,9 +216,9 @@ def test_purity_is_checked_in_the_tile_in_force() -> None:
     class Large(Plain):
         tile = 90
 
-        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
             sizes.add(len(mu))
-            return super()._evaluate(mu, seeds)
+            return super().evaluate_batch(mu, seeds)
 
     assert check_purity(Large()).endswith("in batches of 2 to 91, permuted, with tile=90.")
     assert {64, 90, 91} <= sizes

@@ -143,26 +143,26 @@ class Plain(Application):
     sample_size = 10
     parameters = ParameterSpace(Parameter("a", 0, 1), Parameter("b", 0, 1))
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.abs(mu).mean(axis=1, dtype=np.float64)
         return Scored(score, [{} for _ in seeds])
 
 
 class BatchDependent(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scored = super()._evaluate(mu, seeds)
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        scored = super().evaluate_batch(mu, seeds)
         return Scored(scored.score * (1 - 1e-12 * (len(mu) == 17)), scored.extras)
 
 
 class NeighbourDependent(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scored = super()._evaluate(mu, seeds)
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        scored = super().evaluate_batch(mu, seeds)
         return Scored(scored.score / max(scored.score.max(), 0.5), scored.extras)
 
 
 class Clocked(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scored = super()._evaluate(mu, seeds)
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        scored = super().evaluate_batch(mu, seeds)
         return Scored(scored.score, [{"took_s": time.perf_counter()} for _ in seeds])
 
 
@@ -177,8 +177,8 @@ class ProcessDependent(Plain):
     def __getstate__(self) -> dict[str, Any]:
         return {}
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scored = super()._evaluate(mu, seeds)
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        scored = super().evaluate_batch(mu, seeds)
         return Scored(scored.score * self.scale, scored.extras)
 
 

@@ -160,7 +160,8 @@ class AnalyticApplication(Application):
         grid[:, 0] = np.tile(axis, _IMAGE_SIZE)
         if len(point) > 1:
             grid[:, 1] = np.repeat(axis[::-1], _IMAGE_SIZE)
-        score = self._evaluate(grid, [seed] * len(grid)).score.reshape(_IMAGE_SIZE, _IMAGE_SIZE)
+        score = self.evaluate_batch(grid, [seed] * len(grid)).score
+        score = score.reshape(_IMAGE_SIZE, _IMAGE_SIZE)
         stops = (0.0, self.fooling_threshold, 1.0)
         channels = zip(_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB, strict=True)
         frame = np.stack([np.interp(score, stops, c) for c in channels], axis=-1).astype(np.uint8)
@@ -171,7 +172,7 @@ class AnalyticApplication(Application):
         frame[max(row - 5, 0) : row + 6, column] = 0
         return frame, score
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         region, score = self._regions(mu)
         if self.noise:
             shift = {seed: np.random.default_rng(seed).uniform(-1.0, 1.0) for seed in set(seeds)}

@@ -157,7 +157,7 @@ class CarlaDrivingApplication(Application):
         """SHA-256 over the driver's weights, or over its `agent_id` and how it is used."""
         return identity_of(self.policy, self.agent, self._agent_id)
 
-    def _evaluate(self, mu: Floats32, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Floats32, seeds: Sequence[int]) -> Scored:
         results = [self._world(row, seed, self.policy) for row, seed in zip(mu, seeds, strict=True)]
         return Scored(np.array([score for score, _ in results]), [extra for _, extra in results])
 

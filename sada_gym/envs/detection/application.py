@@ -243,7 +243,7 @@ class DetectionApplication(Application):
         colour = red, green, blue
         return Scene(shape, colour, backdrop=backdrop, seed=seed, occluder=pole, **placed)
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = self._scenes(mu, seeds)
         scores, extras = [], []
         for scene, (rendering, detections) in zip(scenes, self._detected(scenes), strict=True):

@@ -135,7 +135,7 @@ class ClassifierApplication(Application):
     def _score(self, probabilities: Floats, labels: Integers) -> Floats:
         """Score probabilities (n, K) by the true classes (n,): Q, (n,)."""
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         positions = self._positions(seeds)
         rows = self.indices[positions]
         labels, probabilities = self.images.labels[rows], self._classified(mu, positions)

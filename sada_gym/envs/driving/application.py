@@ -112,7 +112,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
             starts += [DrivingStart(route, mount, weather, seed) for route in self.routes]
         return DrivingEpisodes(camera(LAYOUT), starts)
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         # the seed fixes the rain alone: a dry world is the same for all, and is driven once
         worlds = [
             (mount, weather, seed if LIGHTS[weather].rain else None)

@@ -109,7 +109,7 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
                 ]
         return RobotEpisodes(starts)
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = [], []
         for worlds, trips in self._played(self.policy, mu, seeds):
             shape = (len(mu[worlds]), -1)

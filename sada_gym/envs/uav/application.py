@@ -111,7 +111,7 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
         tracks = self.template.tracks(mu)
         return RacingEpisodes(benchmark_starts(tracks, seeds), tracks)
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = [], []
         for _, races in self._played(self.policy, mu, seeds):
             scores.append(races.score)

@@ -119,7 +119,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             return np.ones(len(mu), np.bool_)
         return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.full(len(mu), INVALID_SCORE)
         outside = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
         extras = [{**outside, **self._discrete_values(values)} for values in self._values(mu)]

@@ -185,7 +185,7 @@ class Batched(Toy):
         self.batches.append(len(mu))
         return super().render_batch(mu, seeds)
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         raise AssertionError("a picture evaluated a sample again")
 
 

@@ -53,7 +53,7 @@ class Counting(Application):
     parameters = ParameterSpace(Parameter("speed_m_s", 0.0, 1.0, "m/s"))
     frames = 30
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         score = self.parameters.physical(mu)[:, 0]
         return Scored(score, [{"ending": f"stopped at {s:.1f}"} for s in score])
 

@@ -239,7 +239,7 @@ class Plain(Application):
     def settings(self):
         return {"dimension": len(self.parameters), "q": self.q}
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         score = (mu[:, 0].astype(float) + 1) / 2 if self.q is None else np.full(len(mu), self.q)
         return Scored(score, [{} for _ in mu])
 

@@ -138,7 +138,7 @@ class WalkApplication(EpisodesApplication):
     def episodes(self, mu, seeds):
         return Walks(self.parameters.physical(mu).sum(axis=1).tolist())
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         walks = self.episodes(mu, seeds)
         self.play(walks)
         return Scored(walks.score, [{"place": float(place)} for place in walks.place])

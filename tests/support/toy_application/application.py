@@ -25,7 +25,7 @@ class ToyApplication(Application):
     def settings(self):
         return {"slopes": self.slopes}
 
-    def _evaluate(self, mu, seeds):
+    def evaluate_batch(self, mu, seeds):
         score = np.clip(np.linalg.norm(mu, axis=1).astype(float), 0.0, 1.0)
         return Scored(score, [{"ending": "the ball has stopped"} for _ in seeds])
 
