@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -20,13 +21,20 @@ from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.application import OnError, check_declared
 from sada_gym.densities import WorldDensity
 from sada_gym.envs.checks import is_number
-from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
+from sada_gym.envs.wrapped.bindings import (
+    Attribute,
+    ParameterBinding,
+    as_binding,
+    as_json,
+    check_distinct,
+)
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, GymnasiumEpisodes
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
-from sada_gym.envs.wrapped.inspection import Inspection, check_ranges
+from sada_gym.envs.wrapped.inspection import Inspection, check_ranges, check_unshared
 from sada_gym.envs.wrapped.loading import AgentLoader
+from sada_gym.envs.wrapped.paths import passed
 from sada_gym.envs.wrapped.pictures import EpisodePictures
 from sada_gym.envs.wrapped.scores import FunctionScore, ScoreLike, as_score
 from sada_gym.errors import (
@@ -123,6 +131,9 @@ class GymnasiumApplication(EpisodePictures):
             the physics or an older checkpoint. Where it fails as well, a failure may not be the
             agent's own: attacks tell such worlds apart. `vec_normalize`, `deterministic` and
             `agent_id` hold for it, too.
+        num_envs: The most environments that are alive in a process at once, where an engine allows
+            only so many: one is closed before the next is made. Scores stay the same, and worker
+            processes have one each. None plays many worlds at once.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -170,11 +181,14 @@ class GymnasiumApplication(EpisodePictures):
         timeout: float | None = None,
         agent_timeout: float = 300.0,
         privileged: Any = None,
+        num_envs: int | None = None,
     ) -> None:
         check_integer("episodes", episodes, 1, _MOST_EPISODES)
         check_integer("sample_size", sample_size, 1, _MOST_WHOLE)
         if max_steps is not None and max_steps != "own":
             check_integer("max_steps", max_steps, 1, _MOST_WHOLE)
+        if num_envs is not None:
+            check_integer("num_envs", num_envs, 1, _MOST_WHOLE)
         if name is not None and (not isinstance(name, str) or not name):
             raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
         check_plain("name", name or "")
@@ -202,6 +216,7 @@ class GymnasiumApplication(EpisodePictures):
         if statistics is not None and statistics is not False:
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
             statistics = load_statistics(vec_normalize, allow_pickle=allow_pickle)
+        began = time.monotonic()
         with closing(factory.make({})) as env:
             self._inspection = inspection = Inspection.of(env, factory)
             bindings = self._bind(parameters, factory, env)
@@ -217,7 +232,16 @@ class GymnasiumApplication(EpisodePictures):
                 timeout,
                 inspection.nan_observed,
                 Derived.given(derived, bindings, factory, env),
+                num_envs,
             )
+            factors = {
+                key: {path: passed(env.unwrapped, path) for path in binding.targets(key)}
+                for key, binding in bindings.items()
+                if isinstance(binding, Attribute) and binding.factor
+            }
+        seconds = time.monotonic() - began
+        for key, paths in factors.items():
+            check_unshared(factory, key, paths)
         self.name, self.version = name or inspection.name, inspection.version  # type: ignore[misc]
         self.packages = inspection.packages
         fps: Any = inspection.metadata.get("render_fps")
@@ -235,10 +259,12 @@ class GymnasiumApplication(EpisodePictures):
         self._feasible = Feasible.of(feasible, self.parameters.names)
         if self._feasible.conditions:
             self._check_region()
+        if num_envs is not None:
+            self._at_once = min(self._at_once, max(num_envs // episodes, 1))
         corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
         worlds = corners[self._possible(corners)]
         starts = self._starts(worlds, [0, 0][: len(worlds)])
-        self.stale = check_ranges(self.episode_spec, starts, episodes)
+        self.stale = check_ranges(self.episode_spec, starts, seconds)
 
     def _bind(
         self, parameters: Mapping[str, Any], factory: EnvFactory, env: gym.Env[Any, Any]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, KeysView, Mapping, Sequence, ValuesView
-from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -18,7 +17,6 @@ from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
 from sada_gym.envs.wrapped.paths import (
     MISSING,
-    is_shared,
     names_several,
     no_such_path,
     read,
@@ -391,18 +389,6 @@ class Attribute(ParameterBinding):
                 )
             if self.factor or has_many:
                 self._check_numbers(name, path, value, factory)
-        if self.factor:
-            self._check_unshared(name, factory, env)
-
-    def _check_unshared(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
-        with closing(factory.make({})) as other:
-            other.reset(seed=0)
-            for path in self.targets(name):
-                if is_shared(env.unwrapped, other.unwrapped, path):
-                    raise UserError(
-                        f"Expected each {factory.name} to have a {path!r} of its own, because "
-                        f"{name!r} multiplies it, but two share it. Copy it in the constructor."
-                    )
 
     def _check_numbers(self, name: str, path: str, value: Any, factory: EnvFactory) -> None:
         numbers = as_array(value, f"what is at {path!r}")

@@ -12,7 +12,9 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -158,75 +160,103 @@ def _pairs(tree: ast.FunctionDef) -> Iterator[tuple[ast.expr, ast.expr]]:
                 yield from zip(parts, values if several else [node.value] * len(parts), strict=True)
 
 
-def stale_attributes(
-    targets: Sequence[str], worlds: Sequence[Any], make: Callable[[], Any]
-) -> dict[str, str]:
-    """Return the attributes that do not follow what parameters set in some worlds, by path.
+class Look(NamedTuple):
+    """What a world held once: its own attributes, and what a survey reads of it, by path."""
 
-    The values are the expressions that give what they should be, or "" where none is known.
+    own: dict[str, Any]
+    at: dict[str, Any]
 
-    Args:
-        targets: The paths that parameters set.
-        worlds: Unwrapped environments after their reset, in which they are set.
-        make: Makes another one in which they are not, with the same seed.
+
+@dataclass(frozen=True)
+class Survey:
+    """Which attributes may not follow what parameters set at the paths of `targets`.
+
+    `parts` say how they are computed, and `used` which attributes methods read. Worlds are looked
+    at one after another, because a process may hold one only.
     """
-    targets = [*map(plain_path, targets)]
-    ends = [p[: i.start()] for p in targets for i in re.finditer(r"\.(?![^[]*\])", p)]
-    homes = {"self": worlds[0]} | {f"self.{path}": read(worlds[0], path) for path in ends}
-    parts = [c for root, home in homes.items() for c in _computed(home.__class__, root)]
-    parts = [c for c in parts if not _meet([c.path], targets)]
-    moved, chosen = {*targets}, dict[_Computed, None]()
-    while new := [c for c in parts if c not in chosen and _meet(c.reads, moved)]:
-        chosen |= dict.fromkeys(new)
-        moved |= {c.path for c in new}
-    if not chosen:
-        return {}
-    nominal, rules, stale = make(), list[_Computed](), dict[str, str]()
-    for path in dict.fromkeys(c.path for c in chosen):
-        ways, present = [c for c in chosen if c.path == path], read(nominal, path)
-        holding = [c for c in ways if _same(_worth(c.text, nominal, {}), present)]
-        unclear = not any(c.by_reset or _formula(c.text) for c in ways)
-        rules += (ways if unclear else holding)[-1:]
-    for world in worlds:
-        right: dict[str, Any] = {}
-        for way in rules * len(rules):  # until the last of a chain is known
-            present, value = read(world, way.path), _worth(way.text, world, right)
-            if _formula(way.text) is None:
-                changed = [
-                    r in right or not _same(read(nominal, r), read(world, r)) for r in way.reads
-                ]
-                stays = any(changed) and _same(read(nominal, way.path), present)
-                value = MISSING if stays else present
-            if not _same(value, present):
-                right[way.path], stale[way.path] = value, way.text if _formula(way.text) else ""
-    used = frozenset[str]().union(*(_used(home.__class__) for home in homes.values()))
-    kept = {path for path in stale if re.sub(r".*\.|\[.*", "", path) in used}
-    while more := {r for way in rules if way.path in kept for r in way.reads if r in stale} - kept:
-        kept |= more
-    return {path: text for path, text in stale.items() if path in kept}
+
+    targets: tuple[str, ...]
+    parts: tuple[_Computed, ...]
+    used: frozenset[str]
+
+    @classmethod
+    def of(cls, targets: Sequence[str], world: Any) -> Survey:
+        """Read the source of an unwrapped environment's class, and of what it holds."""
+        targets = [*map(plain_path, targets)]
+        ends = [p[: i.start()] for p in targets for i in re.finditer(r"\.(?![^[]*\])", p)]
+        homes = {"self": world} | {f"self.{path}": read(world, path) for path in ends}
+        parts = [c for root, home in homes.items() for c in _computed(home.__class__, root)]
+        parts = [c for c in parts if not _meet([c.path], targets)]
+        moved, chosen = {*targets}, dict[_Computed, None]()
+        while new := [c for c in parts if c not in chosen and _meet(c.reads, moved)]:
+            chosen |= dict.fromkeys(new)
+            moved |= {c.path for c in new}
+        used = frozenset[str]().union(*(_used(home.__class__) for home in homes.values()))
+        return cls(tuple(targets), tuple(chosen), used)
+
+    def look(self, world: Any) -> Look:
+        """Read all that matters of an unwrapped environment after its reset."""
+        formulas = [formula for c in self.parts if (formula := _formula(c.text))]
+        reads = [*(c.reads for c in self.parts), *(formula.reads for formula in formulas)]
+        paths = {*self.targets, *(c.path for c in self.parts), *chain.from_iterable(reads)}
+        own = {name: _copied(value) for name, value in vars(world).items()}
+        return Look(own, {path: _copied(read(world, path)) for path in paths})
+
+    def stale(self, worlds: Sequence[Look], make: Callable[[], Look]) -> dict[str, str]:
+        """Return the attributes that do not follow in some worlds in which parameters are set.
+
+        `make` looks at one in which they are not, with the same seed. The values are the
+        expressions that give what the attributes should be, or "" where none is known.
+        """
+        if not self.parts:
+            return {}
+        nominal, rules, stale = make().at, list[_Computed](), dict[str, str]()
+        for path in dict.fromkeys(c.path for c in self.parts):
+            ways, present = [c for c in self.parts if c.path == path], nominal[path]
+            holding = [c for c in ways if _same(_worth(c.text, nominal, {}), present)]
+            unclear = not any(c.by_reset or _formula(c.text) for c in ways)
+            rules += (ways if unclear else holding)[-1:]
+        for world in (look.at for look in worlds):
+            right: dict[str, Any] = {}
+            for way in rules * len(rules):  # until the last of a chain is known
+                present, value = world[way.path], _worth(way.text, world, right)
+                if _formula(way.text) is None:
+                    changed = [r in right or not _same(nominal[r], world[r]) for r in way.reads]
+                    stays = any(changed) and _same(nominal[way.path], present)
+                    value = MISSING if stays else present
+                if not _same(value, present):
+                    right[way.path], stale[way.path] = (
+                        value,
+                        way.text if _formula(way.text) else "",
+                    )
+        kept = {path for path in stale if re.sub(r".*\.|\[.*", "", path) in self.used}
+        while more := {r for w in rules if w.path in kept for r in w.reads if r in stale} - kept:
+            kept |= more
+        return {path: text for path, text in stale.items() if path in kept}
 
 
-def by_keywords(targets: Sequence[str], world: Any, make: Callable[..., Any]) -> dict[str, str]:
+def by_keywords(targets: Sequence[str], world: Look, make: Callable[..., Look]) -> dict[str, str]:
     """Return the attributes that differ where the constructor sets what parameters set in a world.
 
     It needs no source. The targets are keywords of the constructor, too.
     """
     try:
-        other = make(*((target, read(world, target)) for target in targets)) if targets else world
+        other = make(*((target, world.at[target]) for target in targets)) if targets else world
     except Exception:  # the constructor, or a reset, does not take such a value
         return {}
-    numbers = [name for name, value in vars(other).items() if is_numeric(value)]
-    differing = [n for n in numbers if not _same(getattr(other, n), read(world, n))]
-    return {n: "" for n in differing if _same(read(make(), n), read(world, n))}
+    numbers = {name: value for name, value in other.own.items() if is_numeric(value)}
+    present = {name: world.own.get(name, MISSING) for name in numbers}
+    differing = [name for name, value in numbers.items() if not _same(value, present[name])]
+    return {n: "" for n in differing if _same(make().own.get(n, MISSING), present[n])}
 
 
-def _worth(text: str, world: Any, values: Mapping[str, Any]) -> Any:
+def _worth(text: str, world: Mapping[str, Any], values: Mapping[str, Any]) -> Any:
     """Compute what was read in source, values by name first; `MISSING` where it cannot be."""
     formula = _formula(text)
     if formula is None:
         return MISSING
     try:
-        return formula.value({name: values.get(name, read(world, name)) for name in formula.reads})
+        return formula.value({name: values.get(name, world[name]) for name in formula.reads})
     except Exception:  # the names may hold anything
         return MISSING
 
@@ -237,6 +267,10 @@ def read(world: Any, path: str) -> Any:
         return read_path(world, path)
     except Exception:
         return MISSING
+
+
+def _copied(value: Any) -> Any:
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _meet(some: Iterable[str], others: Iterable[str]) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import closing, nullcontext, suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -33,6 +33,8 @@ from sada_gym.foundations.arrays import Bytes, Floats, Indices
 from sada_gym.foundations.environment_variables import environment_variables
 from sada_gym.foundations.files import shown
 from sada_gym.foundations.frames import as_frame
+
+ResultT = TypeVar("ResultT")
 
 MEMORY_BYTES = 2**28
 """The memory that the environments of worlds played at once may take."""
@@ -95,6 +97,7 @@ class EpisodeSpec:
     timeout: float | None = None
     nan_observed: bool = False
     derived: Derived = field(default_factory=Derived)
+    num_envs: int | None = None
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
@@ -191,6 +194,24 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         """Close the environments; doing it again is fine."""
         for episode in self.running:
             episode.close()
+
+
+def in_groups(
+    spec: EpisodeSpec,
+    starts: Sequence[EpisodeStart],
+    act: Callable[[GymnasiumEpisodes], Sequence[ResultT]],
+    **options: Any,
+) -> list[ResultT]:
+    """Begin episodes, no more than `num_envs` at once; `act` with each group, and join its results.
+
+    One group is closed before the next begins. The options are those of `GymnasiumEpisodes`.
+    """
+    most = spec.num_envs or max(len(starts), 1)
+    results: list[ResultT] = []
+    for first in range(0, len(starts), most):
+        with closing(GymnasiumEpisodes(spec, starts[first : first + most], **options)) as episodes:
+            results += act(episodes)
+    return results
 
 
 class RunningEpisode:

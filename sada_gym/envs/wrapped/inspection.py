@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+import signal
+import threading
+import time
 import warnings
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from gymnasium import spaces
 from typing_extensions import Self
 
@@ -18,23 +22,29 @@ from sada_gym.agents.contract import Interface
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.wrapped.bindings import Attribute, Config
 from sada_gym.envs.wrapped.constructed import (
+    Look,
+    Survey,
     by_keywords,
     describe_stale,
     describe_unscaled,
-    stale_attributes,
 )
 from sada_gym.envs.wrapped.episodes import (
     EpisodeSpec,
     EpisodeStart,
     GymnasiumEpisodes,
+    in_groups,
     reset_arguments,
 )
 from sada_gym.envs.wrapped.factory import EnvFactory, has_time_limit, layers
+from sada_gym.envs.wrapped.paths import passed
 from sada_gym.errors import Notice, UserError, explained
 
 _ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
 _ID = re.compile(r"(.+)-v(\d+)")
 _OWN_LIMITS = ("max_steps", "max_episode_steps", "_max_episode_steps", "max_path_length", "horizon")
+
+_PATIENCE_S, _SLOWER = 60.0, 20.0
+"""A second environment may take so much longer than the first, and so many times as long."""
 
 
 @dataclass(frozen=True)
@@ -128,35 +138,125 @@ def _own_limit(env: gym.Env[Any, Any]) -> str:
     return f" (it has {', '.join(limits)})" if limits else ""
 
 
-def check_ranges(spec: EpisodeSpec, starts: Sequence[EpisodeStart], each: int) -> dict[str, str]:
-    """Begin worlds of `each` episodes, so that bad ranges are found at once.
+def check_unshared(factory: EnvFactory, name: str, passed_before: Mapping[str, list[Any]]) -> None:
+    """Check that a second environment shares nothing with a first that a parameter multiplies.
+
+    The first one may be closed: `passed_before` holds what it had on the way to each path.
+    """
+    with closing(factory.make({})) as other:
+        other.reset(seed=0)
+        for path, values in passed_before.items():
+            pairs = zip(values, passed(other.unwrapped, path), strict=False)
+            if any(one is two for one, two in pairs):
+                raise UserError(
+                    f"Expected each {factory.name} to have a {path!r} of its own, because "
+                    f"{name!r} multiplies it, but two share it. Copy it in the constructor."
+                )
+
+
+def check_ranges(spec: EpisodeSpec, starts: list[EpisodeStart], seconds: float) -> dict[str, str]:
+    """Begin worlds, so that bad ranges are found at once; `seconds` is about what one takes.
 
     It warns of attributes that do not follow the parameters, so that the physics is wrong.
 
     Returns:
         These attributes, and the formulas that they should follow, "" where unknown.
+
+    Raises:
+        UserError: If a world cannot begin, or a process can hold one environment only.
     """
-    roots, stale = {Attribute: "", Config: "config."}, dict[str, str]()
+    roots = {Attribute: "", Config: "config."}
     places = [(roots[type(b)], b.targets(k)) for k, b in spec.bindings.items() if type(b) in roots]
     targets = [f"{root}{path}" for root, paths in places for path in paths]
-    with ExitStack() as stack:
-        strict = replace(spec, on_error="raise")
-        running = stack.enter_context(closing(GymnasiumEpisodes(strict, starts))).running[::each]
-        worlds = [episode.env.unwrapped for episode in running if episode.env is not None]
+    survey: Survey | None = None
+    stale, told = dict[str, str](), ""
+    patience_s = np.inf if spec.num_envs == 1 else _PATIENCE_S + _SLOWER * seconds * len(starts)
 
-        @cache
-        def make(*keywords: tuple[str, Any]) -> Any:
-            env = stack.enter_context(closing(spec.factory.make(dict(keywords))))
+    def look(episodes: GymnasiumEpisodes) -> list[Look]:
+        nonlocal survey, told
+        looks = list[Look]()
+        for episode in episodes.running:
+            if episode.env is not None and episode.start.number == 0:
+                world = episode.env.unwrapped
+                if not survey:
+                    survey = Survey.of(targets, world)
+                    told = describe_unscaled([*targets, *spec.derived.formulas], world)
+                looks.append(survey.look(world))
+        return looks
+
+    def begin(num_envs: int | None) -> list[Look]:
+        strict = replace(spec, on_error="raise", num_envs=num_envs)
+        with _within(patience_s, spec.factory.name):
+            return in_groups(strict, starts if len(starts) > 1 else starts * 2, look)
+
+    try:
+        looks = begin(spec.num_envs)
+    except UserError as error:
+        if spec.num_envs == 1:
+            raise
+        begin(1)  # raises where a world fails alone, too
+        raise UserError(
+            f"Expected several environments of {spec.factory.name} in one process, got one that "
+            "fails beside another, while one alone works. Set num_envs=1 (num_envs = 1 in TOML); "
+            f"worker processes then have one each. Beside another: {error}"
+        ) from error
+
+    @cache
+    def make(*keywords: tuple[str, Any]) -> Look:
+        with closing(spec.factory.make(dict(keywords))) as env:
             env.reset(**reset_arguments(replace(spec, bindings={}), EpisodeStart({}, 0, 0)))
-            return env.unwrapped
+            assert survey is not None
+            return survey.look(env.unwrapped)
 
-        if targets and worlds:
-            keywords = [target for target in targets if target in spec.factory.keywords]
-            stale = stale_attributes(targets, worlds, make)
-            stale = stale or by_keywords(keywords, worlds[-1], make)
-        told = describe_stale(stale)
-        if worlds:
-            told += describe_unscaled([*targets, *spec.derived.formulas], worlds[0])
-    if told:
+    if targets and survey is not None:
+        keywords = [target for target in targets if target in spec.factory.keywords]
+        stale = survey.stale(looks, make) or by_keywords(keywords, looks[-1], make)
+    if told := describe_stale(stale) + told:
         warnings.warn(f"In {spec.factory.name} {told}", Notice, stacklevel=3)
     return stale
+
+
+def has_one_engine(factory: EnvFactory) -> bool:
+    """Say whether a second environment fails beside the first, while one alone works."""
+
+    def begin() -> gym.Env[Any, Any]:
+        env = factory.make({})
+        try:
+            env.reset(seed=0)
+        except BaseException:
+            with suppress(Exception):
+                env.close()
+            raise
+        return env
+
+    began = time.monotonic()
+    try:
+        with closing(begin()):
+            seconds = time.monotonic() - began
+            with suppress(Exception), _within(_PATIENCE_S + _SLOWER * seconds, factory.name):
+                begin().close()
+                return False
+        begin().close()
+    except Exception:  # not even one works
+        return False
+    return True
+
+
+@contextmanager
+def _within(seconds: float, name: str) -> Iterator[None]:
+    """Interrupt the main thread if a second environment takes too long, where systems can."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or not np.isfinite(seconds) or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def stop(*_: Any) -> None:
+        raise UserError(f"Expected it to begin within {seconds:.0f} seconds. {name} hangs.")
+
+    handler = signal.signal(signal.SIGALRM, stop)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, handler)

@@ -107,21 +107,19 @@ def plain_path(path: str) -> str:
     return re.sub(r"""\[["']([A-Za-z_]\w*)["']\]""", r".\1", path)
 
 
-def is_shared(env: Any, other: Any, path: str) -> bool:
-    """Say whether two environments hold the same object on the way to what a path names.
+def passed(env: Any, path: str) -> list[Any]:
+    """Return the objects on the way to what a path names, which others may hold, too.
 
-    What their class holds does not count: `write` and `scale` copy it.
+    None stands for what the class holds: `write` and `scale` copy it.
     """
     first, *rest = _steps(path)
-    one, two = _get(env, first), _get(other, first)
-    if isinstance(first, str) and first not in vars(env) and isinstance(one, _CONTAINERS):
-        return False
-    for step in [*rest, None]:
-        if one is two and (step is not None or isinstance(one, _CONTAINERS)):
-            return True
-        if step is not None:
-            one, two = _get(one, step), _get(two, step)
-    return False
+    value = _get(env, first)
+    if isinstance(first, str) and first not in vars(env) and isinstance(value, _CONTAINERS):
+        return []
+    values = [value]
+    for step in rest:
+        values.append(value := _get(value, step))
+    return values if isinstance(value, _CONTAINERS) else values[:-1]
 
 
 def names_several(path: str) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from gymnasium.error import DependencyNotInstalled
 
 from sada_gym.application import INVALID_SCORE, validate_world
 from sada_gym.envs.episodes.rollout import Rollout, play, record
-from sada_gym.envs.wrapped.episodes import GymnasiumEpisodes
+from sada_gym.envs.wrapped.episodes import EpisodeStart, GymnasiumEpisodes, ResultT, in_groups
 from sada_gym.envs.wrapped.inspection import Inspection
 from sada_gym.envs.wrapped.playing import EpisodePlayer
 from sada_gym.errors import Notice
 from sada_gym.evaluations import fools
+from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.drawing import stamped
 from sada_gym.foundations.figures import number
 from sada_gym.foundations.frames import Frame, LegendEntry, Take
@@ -44,9 +46,14 @@ class EpisodePictures(EpisodePlayer):
             )
         return checked
 
-    def _rendering(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
-        row, seed = self._checked(mu, seed)
-        return self.episodes(row, [seed], pictures=True)
+    def _drawn(
+        self,
+        starts: Sequence[EpisodeStart],
+        draw: Callable[[GymnasiumEpisodes], Sequence[ResultT]],
+        pictures: bool = True,
+    ) -> list[ResultT]:
+        with _missing_drawing_library():
+            return in_groups(self.episode_spec, starts, draw, pictures=pictures)
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
@@ -57,23 +64,30 @@ class EpisodePictures(EpisodePlayer):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the last frame of the episode, of several that with the lowest score."""
-        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
+
+        def draw(episodes: GymnasiumEpisodes) -> list[tuple[Floats, float, Frame]]:
             play(self.policy, episodes)
-            frames = episodes.render(episodes.score.argsort(kind="stable")[:1])
-        (frame,) = self._compared(mu, seed, [frames[0]], float(episodes.score.mean()))
+            (worst,) = which = episodes.score.argsort(kind="stable")[:1]
+            return [(episodes.score, episodes.score[worst], episodes.render(which)[0])]
+
+        row, seed = self._checked(mu, seed)
+        scores, lowest, frames = zip(*self._drawn(self._starts(row, [seed]), draw), strict=True)
+        frame = frames[np.argsort(lowest, kind="stable")[0]]
+        (frame,) = self._compared(mu, seed, [frame], float(np.concatenate(scores).mean()))
         return frame
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the first frame of the first episode."""
-        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
-            return np.asarray(episodes.render(np.zeros(1, np.intp))[0])
+        row, seed = self._checked(mu, seed)
+        first = self._starts(row, [seed])[:1]
+        (frame,) = self._drawn(first, lambda episodes: [*episodes.render(np.zeros(1, np.intp))])
+        return np.asarray(frame)
 
     def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
         """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
         row, seed = validate_world(self.parameters, mu, seed)
-        episodes = self.episodes(row, [seed], pictures=self.can_render)
-        with closing(episodes), _missing_drawing_library():
-            return record(self.policy, episodes)
+        keep = partial(record, self.policy)
+        return self._drawn(self._starts(row, [seed]), keep, pictures=self.can_render)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Play the episodes again, one after another: all frames, and the score."""

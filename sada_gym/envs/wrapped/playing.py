@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import gymnasium as gym
@@ -23,12 +23,13 @@ from sada_gym.envs.wrapped.episodes import (
     EpisodeStart,
     GymnasiumEpisodes,
     RunningEpisode,
+    in_groups,
     make_world,
     reset_arguments,
 )
 from sada_gym.envs.wrapped.feasible import Feasible
 from sada_gym.envs.wrapped.loading import Privileged
-from sada_gym.envs.wrapped.repeats import Traces, check_repeats, trace
+from sada_gym.envs.wrapped.repeats import Trace, check_repeats, trace
 from sada_gym.envs.wrapped.scores import Length
 from sada_gym.errors import plain
 from sada_gym.evaluation.watch import is_watched, world_key
@@ -60,12 +61,14 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
     _clipped = _scores = 0
     _many_clipped = False
     _at_once = _MOST_AT_ONCE
+    """Worlds played at once."""
 
-    def episodes(
-        self, mu: Mu, seeds: Sequence[int], *, pictures: bool = False
-    ) -> GymnasiumEpisodes:
-        """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row."""
-        return GymnasiumEpisodes(self.episode_spec, self._starts(mu, seeds), pictures=pictures)
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> GymnasiumEpisodes:
+        """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row.
+
+        All of them are alive at once, whatever `num_envs` is.
+        """
+        return GymnasiumEpisodes(self.episode_spec, self._starts(mu, seeds))
 
     def world(
         self,
@@ -170,19 +173,22 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
     ) -> Iterator[tuple[int, list[RunningEpisode]]]:
         """Play all worlds that are feasible to their ends; yield their places and episodes."""
+
+        def to_end(episodes: GymnasiumEpisodes) -> list[RunningEpisode]:
+            play(policy, episodes)
+            return episodes.running
+
         left, each = np.flatnonzero(self._possible(mu)).tolist(), self._episode_count
         while left:
             worlds = left[: self._at_once]
             starts = self._starts(mu[worlds], [seeds[i] for i in worlds])
             with isolated_rng(self):
-                episodes = GymnasiumEpisodes(self.episode_spec, starts, together=each)
-                with closing(episodes):
-                    play(policy, episodes)
-            count = len(episodes) // each
+                running = in_groups(self.episode_spec, starts, to_end, together=each)
+            count = len(running) // each
             if count < len(worlds):  # memory that was freed may not be seen the next time
                 self._at_once = count
             for k, i in enumerate(worlds[:count]):
-                yield i, episodes.running[k * each : (k + 1) * each]
+                yield i, running[k * each : (k + 1) * each]
             left = left[count:]
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
@@ -208,9 +214,14 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
     def _check_environment_repeats(self, mu: Mu, seeds: list[int]) -> None:
         """Raise `UserError` if the same actions lead elsewhere, alone or beside other worlds."""
 
-        def traced(worlds: slice, given: list[list[Any]] | None = None) -> Traces:
-            with closing(self.episodes(mu[worlds], seeds[worlds])) as episodes, single_threaded():
-                return trace(self.policy, episodes, given)
+        def traced(worlds: slice, given: Sequence[Trace] = ()) -> list[Trace]:
+            left = iter(given)
+
+            def follow(episodes: GymnasiumEpisodes) -> list[Trace]:
+                with single_threaded():
+                    return trace(self.policy, episodes, [*islice(left, len(episodes))])
+
+            return in_groups(self.episode_spec, self._starts(mu[worlds], seeds[worlds]), follow)
 
         check_repeats(self.episode_spec.factory.name, traced, seeds, self._episode_count)
 

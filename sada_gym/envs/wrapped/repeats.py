@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from typing import Any, NamedTuple
 
@@ -15,56 +15,54 @@ from sada_gym.errors import UserError
 from sada_gym.foundations.determinism import same_answer
 
 
-class Traces(NamedTuple):
-    """What episodes showed, and what was done in them."""
+class Trace(NamedTuple):
+    """What an episode showed, and what was done in it."""
 
-    seen: list[Any]
-    """Of each episode its observations and its rewards."""
-    actions: list[list[Any]]
+    observations: list[Any]
+    rewards: list[float]
+    actions: list[Any]
 
 
 def trace(
     policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]],
     episodes: GymnasiumEpisodes,
-    given: list[list[Any]] | None = None,
-) -> Traces:
-    """Play episodes by an agent, or by given actions until these end."""
+    given: Sequence[Trace] = (),
+) -> list[Trace]:
+    """Play episodes by an agent, or by the actions of given ones until these end."""
     policy.start(len(episodes))
-    everyone = range(len(episodes))
-    seen: list[Any] = [[deepcopy(episodes.observation(i))] for i in everyone]
-    taken: list[list[Any]] = [[] for _ in everyone]
+    traces = [Trace([deepcopy(e.observation)], e.rewards, []) for e in episodes.running]
     while True:
         which = episodes.under_way()
-        if given is not None:
-            left = [i for i in which.tolist() if len(taken[i]) < len(given[i])]
+        if given:
+            left = [i for i in which.tolist() if len(traces[i].actions) < len(given[i].actions)]
             which = np.array(left, np.intp)
         if not len(which):
-            break
+            return traces
         chosen = (
-            policy.act(episodes, which)
-            if given is None
-            else [given[i][len(taken[i])] for i in which]
+            [given[i].actions[len(traces[i].actions)] for i in which]
+            if given
+            else policy.act(episodes, which)
         )
         episodes.step(which, chosen)
         for i, action in zip(which.tolist(), chosen, strict=True):
-            taken[i].append(action)
-            seen[i].append(deepcopy(episodes.observation(i)))
-    rewards = [[*episode.rewards] for episode in episodes.running]
-    return Traces([*zip(seen, rewards, strict=True)], taken)
+            traces[i].actions.append(action)
+            traces[i].observations.append(deepcopy(episodes.observation(i)))
 
 
-def check_repeats(name: str, traced: Callable[..., Traces], seeds: list[int], count: int) -> None:
+def check_repeats(
+    name: str, traced: Callable[..., list[Trace]], seeds: list[int], count: int
+) -> None:
     """Play worlds of `count` episodes each together, and each alone by the same actions.
 
-    `traced` plays a slice of them by the agent, or by given actions, a list an episode.
+    `traced` plays a slice of them by the agent, or by the actions of given traces.
 
     Raises:
         UserError: If an episode goes another way, alone or beside other worlds.
     """
-    together, actions = traced(slice(None))
+    together = traced(slice(None))
     for i, seed in enumerate(seeds):
         own = slice(i * count, (i + 1) * count)
-        first, second = (traced(slice(i, i + 1), actions[own]).seen for _ in range(2))
+        first, second = (traced(slice(i, i + 1), together[own]) for _ in range(2))
         if not same_answer(first, second):
             raise UserError(
                 f"Expected episodes of {name} that follow from their seed, but the world of "
@@ -77,5 +75,6 @@ def check_repeats(name: str, traced: Callable[..., Traces], seeds: list[int], co
                 f"Expected episodes of {name} that share nothing, but with the same actions "
                 f"the world of seed {seed} went otherwise beside other worlds than alone. Look "
                 "for what the class or its module holds, such as a dictionary, a list or a "
-                "generator, and make it anew in reset."
+                "generator, and make it anew in reset; or set num_envs=1, where a process can hold "
+                "one environment only."
             )

@@ -28,6 +28,7 @@ from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.bindings import Attribute, Config, Keyword, ParameterBinding
 from sada_gym.envs.wrapped.disturbances import ActionDelay, ObservationDelay, ObservationNoise
 from sada_gym.envs.wrapped.factory import EnvFactory, has_time_limit
+from sada_gym.envs.wrapped.inspection import has_one_engine
 from sada_gym.envs.wrapped.paths import read
 from sada_gym.envs.wrapped.scores import SUCCESS_KEYS, Episode, Success
 from sada_gym.envs.wrapped.toml import KINDS, agent_of, find_modules_in
@@ -129,6 +130,7 @@ def starter_file(
                 said = f"{factory.name} has no TimeLimit, so the file ends an episode after"
                 notes.append(f"{said} {LIMIT:,} steps.")
             proposed = _candidates(env, factory)
+        num_envs = 1 if has_one_engine(factory) else None
         make = partial(
             GymnasiumApplication,
             env_id,
@@ -136,6 +138,7 @@ def starter_file(
             max_steps=factory.max_steps,
             env_kwargs=factory.env_kwargs,
             agent_id="starter",
+            num_envs=num_envs,
         )
         agents = _play(make, _DELAY, -1.0, agent=opened, count=EPISODES)
         chance = _play(make, _DELAY, -1.0, agent=_RandomActions(), count=EPISODES)
@@ -145,6 +148,9 @@ def starter_file(
     listed = ", ".join(candidate.name for candidate in chosen)
     ranges = "Ranges are half to twice the present values, of delays up to 3 steps: narrow them to"
     notes = [f"Parameters: {listed}. {ranges} what can happen.", *notes, *about_score]
+    if num_envs is not None:
+        named.append(_line("num_envs", num_envs))
+        notes.append(f"A second {factory.name} in one process fails, so the file has num_envs = 1.")
     text = "\n".join(_lines(factory, named, score, threshold, chosen, others))
     return StarterFile(f"{text}\n", tuple(notes), threshold is not None)
 
