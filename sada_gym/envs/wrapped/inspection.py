@@ -195,10 +195,11 @@ def check_ranges(spec: EpisodeSpec, starts: list[EpisodeStart], seconds: float) 
         if spec.num_envs == 1:
             raise
         begin(1)  # raises where a world fails alone, too
+        reason = getattr(error, "reason", error)
         raise UserError(
             f"Expected several environments of {spec.factory.name} in one process, got one that "
             "fails beside another, while one alone works. Set num_envs=1 (num_envs = 1 in TOML); "
-            f"worker processes then have one each. Beside another: {error}"
+            f"worker processes then have one each. Beside another, {reason}"
         ) from error
 
     @cache

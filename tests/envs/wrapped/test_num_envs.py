@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sada_gym.files import read_toml
 from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
@@ -13,6 +12,7 @@ from sada_gym import attack
 from sada_gym.cli import app
 from sada_gym.envs.wrapped import Attribute, Function, inspection
 from sada_gym.errors import Notice, UserError
+from sada_gym.foundations.files import read_toml
 from sada_gym.testing.check import check_application
 from tests.support.one_engine import OneEngine, one_engine
 
