@@ -50,11 +50,12 @@ test-all: $(VENV)/.installed  ## every test
 package: $(VENV)/.installed  ## sdist and wheel, installed elsewhere: every id steps there
 	$(BIN)/pytest tests/test_packaging.py
 
-lint: $(VENV)/.installed  ## format, lint, imports, types
+lint: $(VENV)/.installed  ## format, lint, imports, types, and the lines of each folder
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
+	@$(BIN)/python -m tools.count_lines
 
 docs: $(VENV)/.installed  ## the documentation, warnings as errors
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
