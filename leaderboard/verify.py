@@ -10,7 +10,7 @@ import typer
 from sada_gym.cli.console import errors_as_sentences, option, say, workers_option
 
 if TYPE_CHECKING:
-    from sada_gym.board.submission.verification import Finding
+    from sada_gym.board.submission.verification import Verdict
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -49,7 +49,7 @@ def verify(
     with errors_as_sentences():
         from sada_gym.board.submission.verification import verify as verify_entries
 
-        findings = verify_entries(
+        verdicts = verify_entries(
             entries,
             nonce,
             workers=workers,
@@ -58,25 +58,25 @@ def verify(
             check=check,
             against=against,
         )
-        for finding in findings:
-            failed |= finding.state in {"refused", "differs"}
-            _show(finding)
+        for verdict in verdicts:
+            failed |= verdict.state in {"refused", "differs"}
+            _show(verdict)
     if failed:
         raise typer.Exit(1)
 
 
-def _show(finding: Finding) -> None:
-    where = " ".join(part for part in (finding.entry, finding.place) if part)
-    verified = finding.verified
+def _show(verdict: Verdict) -> None:
+    where = " ".join(part for part in (verdict.entry, verdict.place) if part)
+    verified = verdict.verified
     says = {
         "verified": "verified",
         "unchanged": "verified before, and unchanged",
-        "outdated": f"outdated, so it was not evaluated: {finding.reason}",
-        "differs": f"differs: {finding.reason}",
-        "refused": f"refused: {finding.reason}",
+        "outdated": f"outdated, so it was not evaluated: {verdict.reason}",
+        "differs": f"differs: {verdict.reason}",
+        "refused": f"refused: {verdict.reason}",
     }
-    bad = finding.state in {"refused", "differs"}
-    say(f"{where}: {says[finding.state]}", lead="[bold red]" if bad else "")
+    bad = verdict.state in {"refused", "differs"}
+    say(f"{where}: {says[verdict.state]}", lead="[bold red]" if bad else "")
     if verified is None:
         return
     for seed in verified.seeds:

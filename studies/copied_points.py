@@ -17,11 +17,11 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sada_gym import adversaries
 from sada_gym.board.results.entry import read_entries
-from sada_gym.board.submission.copies import nearness, spacing
-from sada_gym.board.submission.flags import is_near
+from sada_gym.board.submission.flags import is_near, nearness
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluation.problems import make_application
@@ -48,6 +48,12 @@ def shaken(points: Mu, count: int, length: float, rng: np.random.Generator) -> M
     step = rng.standard_normal(drawn.shape)
     step *= length / np.linalg.norm(step, axis=1, keepdims=True)
     return np.clip(drawn + step, -1.0, 1.0).astype(np.float32)
+
+
+def spacing(points: Mu) -> float:
+    """Return the median distance from a point to its nearest other one."""
+    array = points.astype(np.float64)
+    return float(np.median(cKDTree(array).query(array[:1_000], k=2)[0][:, 1]))
 
 
 def power() -> None:

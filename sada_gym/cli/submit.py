@@ -91,34 +91,32 @@ def submit(
             command=command,
         )
         where: dict[str, Any] = {"out": out_folder, "replace": replace}
-        own: dict[str, Any] = {
-            "--track": track,
-            "--agent": agent,
-            "--queries": queries,
-            "--adversary": adversary,
-            "--options": options,
+        every: dict[str, Any] = {
+            **{"track": track, "agent": agent, "queries": queries},
+            **{"adversary": adversary, "options": options},
         }
+        own = {name: value for name, value in every.items() if value is not None}
         if samples and runs:
             raise UserError(
                 f"Expected runs or --samples, got both: {runs[0]} and {samples[0]}. Submit "
                 "one after the other, under the same --name."
             )
         if samples:
-            missing = [key for key in ("--track", "--queries", "--adversary") if own[key] is None]
+            missing = [f"--{name}" for name in ("track", "queries", "adversary") if name not in own]
             if missing:
                 raise UserError(
                     f"Expected {' and '.join(missing)} beside --samples, got none. Say where the "
                     "samples belong, and what they cost."
                 )
-            own |= {"--options": _parse_options(options or "{}"), "--rule": rule}
-            console = err if as_json else out
-            entry = _submit_samples(samples, metadata, own, console, workers=workers, **where)
+            own |= {"options": _parse_options(options or "{}"), "workers": workers, **where}
+            own |= {} if rule is None else {"rule": rule}
+            entry = _submit_samples(samples, metadata, err if as_json else out, **own)
+        elif own:
+            raise UserError(
+                f"Expected --{next(iter(own))} only with --samples, got it without. A run knows "
+                "its own."
+            )
         else:
-            given = [key for key, value in own.items() if value is not None]
-            if given:
-                raise UserError(
-                    f"Expected {given[0]} only with --samples, got it without. A run knows its own."
-                )
             entry = submit_runs(runs or [], metadata, rule=rule, **where)
     if as_json:
         claims = {place: result.claimed for place, result in sorted(entry.results.items())}
@@ -128,24 +126,18 @@ def submit(
 
 
 def _submit_samples(
-    samples: list[Path],
-    metadata: EntryMetadata,
-    own: dict[str, Any],
-    console: Console,
-    **keywords: Any,
+    samples: list[Path], metadata: EntryMetadata, console: Console, *, track: str, **keywords: Any
 ) -> Entry:
-    from sada_gym.board.submission.current import current_target, default_agent
+    from sada_gym.board.submission.current import current_target
     from sada_gym.board.submission.submit import submit_samples
     from sada_gym.experiment.progress import AttackProgress
 
-    keywords |= {key.removeprefix("--"): value for key, value in own.items() if value is not None}
-    track = keywords["track"]
-    target = current_target(track, keywords.setdefault("agent", default_agent(track)))
-    each = f"{len(samples)} x {target.sample_size:,} samples"
+    target = current_target(track, keywords.get("agent"))
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
-    say(f"Evaluating {each}{ideal} on {track}, each once.", console=console)
+    each = f"{len(samples)} x {target.sample_size:,} samples{ideal}"
+    say(f"Evaluating {each} on {track}, each once.", console=console)
     with AttackProgress(console) as progress:
-        return submit_samples(samples, metadata, on_progress=progress, **keywords)
+        return submit_samples(samples, metadata, track=track, on_progress=progress, **keywords)
 
 
 def _parse_options(text: str) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sada_gym.board.submission.copies import nearness, spacing
-from sada_gym.board.submission.flags import is_near
+from sada_gym.board.submission.flags import is_near, nearness
 from sada_gym.measures.reference import reference_mu
+from studies.copied_points import spacing
 
 DIMENSIONS = (3, 6, 8, 10)
 

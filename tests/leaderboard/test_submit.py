@@ -370,7 +370,7 @@ def test_a_class_of_ones_own_takes_part(tmp_path):
 
 def test_what_is_wrong_shows_before_anything_is_evaluated(tmp_path, monkeypatch):
     submit_samples([MU], ME, **UNIFORM, out=tmp_path)
-    monkeypatch.setattr("sada_gym.board.submission.submit._evaluate", None)
+    monkeypatch.setattr("sada_gym.board.submission.submit.measure_samples", None)
     for metadata, changes, said in (
         (ME, {}, "Expected a new result"),
         (ME, {"adversary": "other", "rule": "equal-queries"}, "of one adversary with one set"),

@@ -8,22 +8,25 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+from scipy.optimize import isotonic_regression
 
 from sada_gym.analyses.plots.style import ACCENT, axis_label, new_figure, places, span, tidy
-from sada_gym.board.results.families import FAMILIES, family_of
-from sada_gym.board.results.labels import label_ends
+from sada_gym.board.results.front import FAMILIES, family_of
+from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.drawing import own_style
 from sada_gym.foundations.frames import INK, MUTED
 from sada_gym.parameters import Mu, ParameterSpace
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 MAX_PARAMETERS = 16
 """Parameters in a picture of marginals."""
 
 _BINS = 18
+_SIZE = 8.5  # of the names of lines, in points
 _CEILING = 4.0  # times uniform, where the marginals' colours end
 
 _DENSITY = ((0.0, "#4a7ab5"), (0.5, "#f7f7f7"), (0.75, "#d1622a"), (1.0, "#5c1a04"))
@@ -41,9 +44,9 @@ class Curve:
     """
 
     labels: tuple[str, ...]
-    queries: npt.NDArray[np.float64]
-    found: npt.NDArray[np.float64]
-    coverage: npt.NDArray[np.float64] | None
+    queries: Floats
+    found: Floats
+    coverage: Floats | None
 
 
 @own_style()
@@ -254,3 +257,60 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
 def _title(figure: Figure, title: str, below: str = "") -> None:
     text = f"{title}\n{below}" if below else title
     figure.suptitle(text, x=0.01, ha="left", fontsize=11, color=INK)
+
+
+def _draw_leader(axes: Axes, start: Floats, end: Floats, colour: str) -> None:
+    """Draw a thin line between two places in pixels."""
+    line = axes.transData.inverted().transform([start, end])
+    axes.plot(
+        *line.T, color=(colour, 0.55), linewidth=0.7, scalex=False, scaley=False, clip_on=False
+    )
+
+
+def label_ends(
+    axes: Axes, ends: Floats, names: Sequence[str], colours: Sequence[str]
+) -> list[Text]:
+    """Write the names of lines in a column to the right of the axes, each joined to its line's end.
+
+    The figure is laid out before and keeps its layout: call it last, and leave room.
+
+    Args:
+        axes: The axes that the lines are drawn in.
+        ends: (n, 2) in data coordinates.
+        names: The n names.
+        colours: The names' n colours.
+
+    Returns:
+        The names, in the order of the lines.
+    """
+    pixel = _freeze(axes)
+    anchors, frame = axes.transData.transform(ends), axes.get_window_extent()
+    heights = _spread(anchors[:, 1], 1.35 * _SIZE * pixel, frame.y0, frame.y1)
+    to_data = axes.transData.inverted()
+    texts = []
+    for anchor, height, name, colour in zip(anchors, heights, names, colours, strict=True):
+        place = np.array([frame.x1 + 16 * pixel, height])
+        _draw_leader(axes, anchor, place - [3 * pixel, 0], colour)
+        x, y = to_data.transform(place)
+        texts.append(axes.text(x, y, name, fontsize=_SIZE, color=colour, va="center"))
+    return texts
+
+
+def _freeze(axes: Axes) -> float:
+    """Lay the figure out for good, and give the pixels of a point."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure.dpi / 72
+
+
+def _spread(wanted: Floats, gap: float, low: float, high: float) -> Floats:
+    """Move heights apart, as little as need be: at least a gap between any two, in order."""
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(wanted))
+    starts = isotonic_regression(wanted[order] - steps).x
+    placed = np.clip(starts, low, max(low, high - gap * (len(wanted) - 1)))
+    heights = np.empty(len(wanted))
+    heights[order] = placed + steps
+    return heights

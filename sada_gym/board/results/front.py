@@ -9,10 +9,10 @@ from html import escape
 
 import numpy as np
 
-from sada_gym.board.results.families import FAMILIES, Family, family_of
 from sada_gym.board.results.figures import Figure
-from sada_gym.board.results.labels import place_labels
 from sada_gym.board.results.rows import Row, front_of
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.frames import BLUE
 
 WIDTH, HEIGHT = 800, 560
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, WIDTH - 8, 50, HEIGHT - 68
@@ -33,6 +33,53 @@ text { fill: #1d2329; } .grid { stroke: #e3e1dc; } .tick, .axis, .title { fill: 
 .dot { stroke: #fff; stroke-width: 1.2; } .best text { font-weight: 650; }
 .control text { font-style: italic; }
 """
+
+_RADII = (9, 16, 25, 36, 50, 66, 86, 108, 133, 160, 195)
+# diagonals first: error bars lie along the axes
+_ALL_ROUND = np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12])
+_DOT = 6.0  # half the side of the square that a point takes
+_MARGIN = 2.0
+
+
+@dataclass(frozen=True)
+class Family:
+    """Adversaries that charts draw alike.
+
+    Attributes:
+        name: What the legend calls them.
+        colour: Their colour; all are distinct for colour-blind readers too (Okabe and Ito 2008).
+        marker: Their mark as Matplotlib names it, which tells them apart without any colour.
+        members: Their labels.
+    """
+
+    name: str
+    colour: str
+    marker: str
+    members: frozenset[str] = frozenset()
+
+
+FAMILIES = (
+    Family("controls", "#6b7785", "s", frozenset({"ideal", "memorise"})),
+    Family(
+        "the paper's baselines",
+        BLUE,
+        "o",
+        frozenset({"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"}),
+    ),
+    Family(
+        "BBGAN",
+        "#b84a00",
+        "^",
+        frozenset({"bbgan", "bbgan (paper)", "bbgan-boost", "bbgan-boost (paper)"}),
+    ),
+    Family("RL", "#a4447c", "D", frozenset({"reinforce", "ppo", "sac", "td3"})),
+    Family("other methods", "#00795a", "v"),
+)
+
+
+def family_of(label: str) -> Family:
+    """Return the family of an adversary by its label."""
+    return next((family for family in FAMILIES if label in family.members), FAMILIES[-1])
 
 
 @dataclass(frozen=True)
@@ -56,17 +103,6 @@ class Point:
     bars: tuple[tuple[float, float, float, float], ...]
     label_x: float
     label_y: float
-
-    @property
-    def family(self) -> Family:
-        """The family that it is drawn as."""
-        return family_of(self.row.label)
-
-    @property
-    def title(self) -> str:
-        """Its figures in words."""
-        afr, coverage = f"{100 * self.afr.value:.1f} %", f"{100 * self.coverage.value:.1f} %"
-        return f"{self.row.label}: AFR {afr}, coverage {coverage} of ideal"
 
 
 @dataclass(frozen=True)
@@ -136,7 +172,7 @@ class Chart:
 
     def _legend(self) -> Iterator[str]:
         x = float(_LEFT)
-        shown = {point.family for point in self.points}
+        shown = {family_of(point.row.label) for point in self.points}
         for family in FAMILIES:
             if family in shown:
                 yield _mark(family, x + 6, HEIGHT - 14)
@@ -189,7 +225,9 @@ def _up(rate: float, floor: float) -> float:
 
 def _drawn(point: Point, root: str | None) -> Iterator[str]:
     kinds = ("control" if point.row.control else "", "best" if point.front else "")
-    classes, title = " ".join(filter(None, ("point", *kinds))), escape(point.title)
+    afr, coverage = f"{100 * point.afr.value:.1f} %", f"{100 * point.coverage.value:.1f} %"
+    title = escape(f"{point.row.label}: AFR {afr}, coverage {coverage} of ideal")
+    classes = " ".join(filter(None, ("point", *kinds)))
     if root is None:
         yield f'<g class="{classes}">'
     else:
@@ -204,7 +242,7 @@ def _drawn(point: Point, root: str | None) -> Iterator[str]:
     if np.hypot(edge_x, edge_y) > _LEADER_FROM:
         x, y = point.x + np.sign(dx) * edge_x, point.y + np.sign(dy) * edge_y
         yield f'<line class="leader" x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"/>'
-    yield _mark(point.family, point.x, point.y)
+    yield _mark(family_of(point.row.label), point.x, point.y)
     yield _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
     yield "</g>" if root is None else "</a>"
 
@@ -219,3 +257,35 @@ def _text(x: float, y: float, kind: str, text: str, anchor: str = "start") -> st
     return (
         f'<text{attribute} x="{x}" y="{round(y, 1)}" text-anchor="{anchor}">{escape(text)}</text>'
     )
+
+
+def place_labels(
+    anchors: Floats, sizes: Floats, frame: tuple[float, float, float, float]
+) -> Floats:
+    """Find a place for the name of each point: free of others, the nearer the better.
+
+    Args:
+        anchors: (n, 2), the points in pixels.
+        sizes: (n, 2), the widths and heights of the names in pixels.
+        frame: The left, top, right and bottom within which the names have to be.
+
+    Returns:
+        (n, 2), the middles of the names in pixels.
+    """
+    directions = np.stack([np.cos(_ALL_ROUND), np.sin(_ALL_ROUND)], axis=1)
+    dots = np.concatenate([anchors - _DOT, anchors + _DOT], axis=1)
+    boxes: list[Floats] = []
+    middles = np.empty_like(anchors, np.float64)
+    gaps = np.sort(np.linalg.norm(anchors[:, None] - anchors, axis=2), axis=1)
+    for i in np.argsort(gaps[:, :4].sum(axis=1), kind="stable"):  # the most crowded first
+        half, taken = sizes[i] / 2 + _MARGIN, np.array([*boxes, *dots])
+        offsets = directions * np.array(_RADII)[:, None, None] + np.sign(directions.round(6)) * half
+        places = anchors[i] + offsets.reshape(-1, 2)
+        low, high = places - half, places + half
+        sides = np.minimum(high[:, None], taken[:, 2:]) - np.maximum(low[:, None], taken[:, :2])
+        overlap = np.prod(np.maximum(sides, 0.0), axis=2).sum(axis=1)
+        outside = np.maximum(frame[:2] - low, 0.0) + np.maximum(high - frame[2:], 0.0)
+        best = np.argmin(overlap + 100 * outside.sum(axis=1))  # the first of equal ones
+        middles[i] = places[best]
+        boxes.append(np.concatenate([low[best], high[best]]))
+    return middles

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sada_gym.board.results.f1 import f1_figure
-from sada_gym.board.results.figures import Figure, figure, ranks_of
+from sada_gym.board.results.figures import Figure, f1_figure, figure, ranks_of
 from sada_gym.board.results.models import SeedResult
 from sada_gym.experiment.measure import Measures
 from sada_gym.experiment.names import IDEAL
@@ -72,7 +71,7 @@ class Row(Strict):
             and for what is incomplete or disqualified.
         budget: The queries that it might spend. This figure and the next ones are means.
         queries: The queries that it spent.
-        f1: How often its samples fool and how much they cover, joined; see `board.results.f1`.
+        f1: How often its samples fool and how much they cover, joined; see `figures.f1`.
             None where a track has no coverage.
         afr: The attack fooling rate. See `Measures`, also for the next figures.
         afr_iqm: Its interquartile mean over all runs.

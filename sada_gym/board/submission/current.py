@@ -19,38 +19,27 @@ RULES = tuple(TABLES)
 """The rules for the budget; each has the name of the table that it is from."""
 
 
-def board_tracks() -> tuple[str, ...]:
-    """Return the ids of the tracks on which an entry may have results.
+def board_tracks() -> dict[str, str]:
+    """Return the tracks on which an entry may have results: the application's name by id.
 
     Applications without tracks, such as SADA-Analytic, take part by their general id.
     """
-    return tuple(_applications())
-
-
-def shipped_agents(track: str) -> tuple[str, ...]:
-    """Return the agents that are shipped for a track, by name; the default one is the first."""
-    check_known("track", [track], board_tracks())
-    return tuple(agents.names(_applications()[track]))
-
-
-def default_agent(track: str) -> str:
-    """Return the first of `shipped_agents`; empty where there are none."""
-    return next(iter(shipped_agents(track)), "")
-
-
-def _applications() -> dict[str, str]:
     return {track: card.name for card in cards() for track in card.board_tracks}
 
 
 @lru_cache(maxsize=256)
-def current_target(track: str, agent: str) -> OpenTarget:
+def current_target(track: str, agent: str | None = None) -> OpenTarget:
     """Describe a track with a shipped agent, empty without any; it is closed again.
 
-    A track or an agent that there is not is a UserError.
+    None takes the track's first agent. A track or an agent that there is not is a UserError.
     """
-    shipped = shipped_agents(track)
+    tracks = board_tracks()
+    check_known("track", [track], tuple(tracks))
+    shipped = agents.names(tracks[track])
+    if agent is None:
+        agent = next(iter(shipped), "")
     if shipped:
-        check_known(f"agent on {track}", [agent], shipped)
+        check_known(f"agent on {track}", [agent], tuple(shipped))
     elif agent:
         raise UserError(f"Expected no agent's name on {track}, which has none; got {agent!r}.")
     with OpenTarget.of(track, agent=agent) as target:
@@ -58,7 +47,9 @@ def current_target(track: str, agent: str) -> OpenTarget:
         return target
 
 
-def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySpec) -> Experiment:
+def current_experiment(
+    track: str, agent: str | None, rule: str, adversary: AdversarySpec
+) -> Experiment:
     """Return the experiment as the benchmark would make it now.
 
     The options of an adversary that is not ours stay as they are. An unknown name, or an option

@@ -8,21 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
-from scipy.stats import binomtest, fisher_exact
+from scipy.stats import binomtest, fisher_exact, norm
 
 from sada_gym.board.results.models import SeedResult
-from sada_gym.board.submission.copies import Nearness, nearness
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.measure import Measures
 from sada_gym.experiment.record import Experiment
+from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.figures import tenths
 from sada_gym.measures.collapse import collapse_flag
-from sada_gym.measures.reference import Reference
+from sada_gym.measures.reference import Reference, reference_mu
 from sada_gym.parameters import Mu
 
 SIGNIFICANCE = 1e-5
@@ -46,6 +47,11 @@ MINIMUM_POINTS = 10
 
 MINIMUM_EXACT = 2
 """So many samples that are reference points to the last bit are copies; chance makes none."""
+
+OTHER_SETS = 20
+"""How many other point sets, made alike, the shipped one is compared with."""
+
+_FIRST_SEED = 1_000_000  # no shipped set has such a seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +85,16 @@ class Evidence:
         return np.concatenate([seed.samples.mu for seed in self.seeds])
 
     @property
-    def claimed(self) -> npt.NDArray[np.bool_]:
+    def claimed(self) -> Bools:
         """Which samples fool as claimed, (n,)."""
         return self.fooled([seed.samples for seed in self.seeds])
 
     @property
-    def verified(self) -> npt.NDArray[np.bool_]:
+    def verified(self) -> Bools:
         """Which samples fool on fresh seeds, (n,)."""
         return self.fooled([seed.again for seed in self.seeds])
 
-    def fooled(self, records: Sequence[Evaluations]) -> npt.NDArray[np.bool_]:
+    def fooled(self, records: Sequence[Evaluations]) -> Bools:
         """Return which evaluations fooled the agent, (n,)."""
         return Evaluations.joined(records).fooled(self.experiment.target.fooling_threshold)
 
@@ -176,6 +182,56 @@ def copied_flag(evidence: Evidence) -> str | None:
         f"{tenths(1.0 - near.mean_rank)} of the time, where 50 % are expected "
         f"(p = {near.p:.0e})"
     )
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """How near samples lie to reference points, compared with other sets of the same kind.
+
+    Attributes:
+        points: The number of distinct nearest points; one sample of each counts.
+        mean_rank: The mean rank, from 0 to 1, of a sample's distance to its nearest point among its
+            distances to other sets; about 0.5 for samples that do not come from the points.
+        p: The probability that such samples have so low a mean rank, or a lower one.
+        exact: The number of samples that are a reference point to the last bit.
+    """
+
+    points: int
+    mean_rank: float
+    p: float
+    exact: int
+
+
+def nearness(mu: Mu, points: Mu, *, seed: int = 0) -> Nearness:
+    """Compare how near samples lie to the shipped points and to other sets of the same kind.
+
+    The sets differ in the scrambling of their Sobol sequence alone. So samples that were made
+    without the shipped points lie as near to the other sets, wherever they lie. One sample counts
+    for each nearest point, because samples that crowd around one place all say the same.
+
+    `mu` is (n, d) float32 in [-1, 1], n >= 1, and `points` are all points of the reference set,
+    (R, d) float32, whether they fool or not. The seed fixes the other sets.
+    """
+    tree = cKDTree(points.astype(np.float64))
+    distances, nearest = tree.query(mu.astype(np.float64))
+    first = np.sort(np.unique(nearest, return_index=True)[1])
+    chosen, own = mu[first].astype(np.float64), distances[first]
+    others = np.stack([other.query(chosen)[0] for other in _other_sets(*points.shape, seed)])
+    ranks = ((others < own).sum(axis=0) + 0.5 * (others == own).sum(axis=0)) / OTHER_SETS
+    deviation = (ranks.mean() - 0.5) / np.sqrt((1.0 + 2.0 / OTHER_SETS) / 12.0 / len(ranks))
+    return Nearness(
+        points=len(ranks),
+        mean_rank=float(ranks.mean()),
+        p=float(norm.cdf(deviation)),
+        exact=int((distances == 0.0).sum()),
+    )
+
+
+@lru_cache(maxsize=2)
+def _other_sets(count: int, dimension: int, seed: int) -> list[Any]:
+    first = _FIRST_SEED + seed * OTHER_SETS
+    sets = (reference_mu(dimension, count, first + i) for i in range(OTHER_SETS))
+    return [cKDTree(mu.astype(np.float64)) for mu in sets]
 
 
 def is_near(near: Nearness) -> bool:

@@ -54,32 +54,28 @@ def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
             seed stands twice, or a result has too many seeds.
     """
     by_place: dict[str, list[ResultFragment]] = {}
+    of_seed: dict[tuple[str, int], ResultFragment] = {}
     first = fragments[0]
     for fragment in fragments:
-        adversary = fragment.experiment.adversary
+        adversary, place = fragment.experiment.adversary, fragment.result.place
         check_same_adversary(fragment.source, adversary, first.source, first.experiment.adversary)
-        others = by_place.setdefault(fragment.result.place, [])
-        _check_fits(fragment, others)
-        others.append(fragment)
-    return [_join(place, parts) for place, parts in by_place.items()]
-
-
-def _check_fits(fragment: ResultFragment, others: Sequence[ResultFragment]) -> None:
-    seeds = {claims.seed for claims in fragment.result.claimed.seeds}
-    for other in others:
+        by_place.setdefault(place, []).append(fragment)
+        other = by_place[place][0]
         if fragment.experiment != other.experiment:
             changes = differences(other.experiment.model_dump(), fragment.experiment.model_dump())
             raise UserError(
                 f"Expected {fragment.source} to differ from {other.source} in its seed alone, got "
                 f"other settings: {shown('; '.join(changes))}. Submit them as two entries."
             )
-        common = seeds & {claims.seed for claims in other.result.claimed.seeds}
-        if common:
-            raise UserError(
-                f"Expected each seed of {fragment.result.place} once, got {min(common)} in both "
-                f"{other.source} and {fragment.source}. Name one of them, or attack with another "
-                "--seed."
-            )
+        for claims in fragment.result.claimed.seeds:
+            other = of_seed.setdefault((place, claims.seed), fragment)
+            if other is not fragment:
+                raise UserError(
+                    f"Expected each seed of {place} once, got {claims.seed} in both "
+                    f"{other.source} and {fragment.source}. Name one of them, or attack with "
+                    "another --seed."
+                )
+    return [_join(place, parts) for place, parts in by_place.items()]
 
 
 def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
 from pydantic import ValidationError
-from typing_extensions import Self
 
 from sada_gym.board.results.entry import (
     METADATA_FILE,
@@ -27,12 +25,7 @@ from sada_gym.board.submission.checks import (
     check_metadata,
     check_same_adversary,
 )
-from sada_gym.board.submission.current import (
-    PAPER_BUDGETS,
-    current_experiment,
-    current_target,
-    default_agent,
-)
+from sada_gym.board.submission.current import PAPER_BUDGETS, current_experiment, current_target
 from sada_gym.board.submission.fragments import (
     ResultFragment,
     check_budget,
@@ -47,7 +40,6 @@ from sada_gym.experiment.algorithm import OnProgress, ignore_progress
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment
-from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.files import (
     as_path,
     file_errors,
@@ -103,7 +95,8 @@ def submit(
     ]
     if not fragments:
         raise UserError("Expected the folder of at least one run, got none. Name one.")
-    return _Draft.make(fragments[0], metadata, out, replace).put(fragments)
+    folder, metadata = _prepared(metadata, fragments[0].command, out)
+    return _put(folder, metadata, fragments, replace)
 
 
 def submit_samples(
@@ -154,7 +147,6 @@ def submit_samples(
     for name, text in (("track", track), ("agent", agent or ""), ("rule", rule)):
         if not isinstance(text, str):
             raise UserTypeError(f"Expected the {name} to be a text, got {text!r}.")
-    agent = default_agent(track) if agent is None else agent
     spec = AdversarySpec.of(adversary, options=options)
     spec = spec.model_copy(update={"options": json_compatible(spec.options)})
     experiment = current_experiment(track, agent, rule, spec)
@@ -163,15 +155,24 @@ def submit_samples(
     arrays = [
         _validate_samples(array, seed, experiment, dimension) for seed, array in enumerate(given)
     ]
-    first = ResultFragment("the samples", EntryResult(Result.make(experiment, ()), {}))
-    draft = _Draft.make(first, metadata, out, replace)
-    draft.read_kept([first.result])  # what is wrong shows before hours of evaluation
+    folder, metadata = _prepared(metadata, "", out)
+    part = ResultFragment("the samples", EntryResult(Result.make(experiment, ()), {}))
+    _read_kept(folder, part, {part.result.place}, replace)  # shows faults before long evaluations
     with experiment.target.open(workers=workers) as target:
-        fragments = [
-            _evaluate(target, experiment, seed, mu, int(queries), on_progress)
-            for seed, mu in enumerate(arrays)
-        ]
-    return draft.put(fragments)
+        result = part.result
+        for seed, mu in enumerate(arrays):
+            seeds = evaluation_seeds(seed, "test", 0, len(mu))
+            rows, measures = measure_samples(target, mu, seeds, seed=seed, on_progress=on_progress)
+            flag = collapse_flag(mu)
+            claims = SeedResult(
+                seed=seed,
+                queries=int(queries),
+                measures=measures,
+                flags=() if flag is None else (flag,),
+                packages=packages(target.application, Ideal),  # needs no package, as arrays do
+            )
+            result = result.with_seed(claims, rows)
+    return _put(folder, metadata, [ResultFragment(part.source, result)], replace)
 
 
 def _as_list(values: Any, what: str) -> list[Any]:
@@ -198,90 +199,63 @@ def _validate_samples(samples: Any, seed: int, experiment: Experiment, dimension
     return mu
 
 
-def _evaluate(
-    target: OpenTarget,
-    experiment: Experiment,
-    seed: int,
-    mu: Mu,
-    queries: int,
-    on_progress: OnProgress,
-) -> ResultFragment:
-    seeds = evaluation_seeds(seed, "test", 0, len(mu))
-    samples, measures = measure_samples(target, mu, seeds, seed=seed, on_progress=on_progress)
-    flag = collapse_flag(mu)
-    claims = SeedResult(
-        seed=seed,
-        queries=queries,
-        measures=measures,
-        flags=() if flag is None else (flag,),
-        packages=packages(target.application, Ideal),  # which needs no package, as arrays do
-    )
-    result = EntryResult(Result.make(experiment, [claims]), {seed: samples})
-    return ResultFragment(f"the samples of seed {seed}", result)
+def _prepared(metadata: EntryMetadata, command: str, out: str | Path) -> tuple[Path, EntryMetadata]:
+    """Return the folder of a new entry, and its metadata with what follows from other fields."""
+    if not isinstance(metadata, EntryMetadata):
+        raise UserTypeError(f"Expected metadata of make_metadata, got {metadata!r}.")
+    title, command = metadata.title or metadata.name, metadata.command or command
+    metadata = metadata.model_copy(update={"title": title, "command": command})
+    folder = as_path(out, "the entries") / metadata.name
+    check_metadata(metadata, folder / METADATA_FILE, submission=True)
+    return folder, metadata
 
 
-@dataclass(frozen=True)
-class _Draft:
-    """An entry that is to be written; its results replace others of their place if they may."""
+def _read_kept(
+    folder: Path, new: ResultFragment, places: Collection[str], replace: bool
+) -> list[EntryResult]:
+    """Read the results of an entry that stay beside those in `places`, of the same adversary."""
+    restore_folder(folder)
+    if not folder.exists() and not folder.is_symlink():
+        return []
+    check_entry(folder, submission=False)
+    kept = []
+    for place, result in read_entry(folder).results.items():
+        if place not in places:
+            other = result.claimed.experiment.adversary
+            check_same_adversary(new.source, new.experiment.adversary, folder, other)
+            kept.append(result)
+        elif not replace:
+            raise UserError(
+                f"Expected a new result, got {place}, which {folder} already has. Replace "
+                "it by --replace, or give the entry another --name."
+            )
+    return kept
 
-    folder: Path
-    metadata: EntryMetadata
-    first: ResultFragment
-    replace: bool
 
-    @classmethod
-    def make(
-        cls, first: ResultFragment, metadata: EntryMetadata, out: str | Path, replace: bool
-    ) -> Self:
-        if not isinstance(metadata, EntryMetadata):
-            raise UserTypeError(f"Expected metadata of make_metadata, got {metadata!r}.")
-        title, command = metadata.title or metadata.name, metadata.command or first.command
-        metadata = metadata.model_copy(update={"title": title, "command": command})
-        folder = as_path(out, "the entries") / metadata.name
-        check_metadata(metadata, folder / METADATA_FILE, submission=True)
-        return cls(folder, metadata, first, replace)
+def _put(
+    folder: Path, metadata: EntryMetadata, fragments: Sequence[ResultFragment], replace: bool
+) -> Entry:
+    """Write the new results elsewhere, check them, and put them in place with what stays."""
 
-    def read_kept(self, new: Collection[EntryResult]) -> list[EntryResult]:
-        folder, places = self.folder, {result.place for result in new}
-        restore_folder(folder)
-        if not folder.exists() and not folder.is_symlink():
-            return []
-        check_entry(folder, submission=False)
-        kept = []
-        for place, result in read_entry(folder).results.items():
-            if place not in places:
-                adversary = self.first.experiment.adversary
-                other = result.claimed.experiment.adversary
-                check_same_adversary(self.first.source, adversary, folder, other)
-                kept.append(result)
-            elif not self.replace:
-                raise UserError(
-                    f"Expected a new result, got {place}, which {folder} already has. Replace "
-                    "it by --replace, or give the entry another --name."
-                )
-        return kept
+    def fill(place: Path, results: Iterable[EntryResult]) -> None:
+        write_metadata(place, metadata)
+        write_results(place, results)
 
-    def put(self, fragments: Sequence[ResultFragment]) -> Entry:
-        """Write the new results elsewhere, check them, and put them in place with what stays."""
-        new = join_fragments(fragments)
-        kept = self.read_kept(new)
-        with tempfile.TemporaryDirectory() as name:
-            made = Path(name) / self.metadata.name
-            with file_errors("make the folder", made):
-                made.mkdir()
-            try:
-                self._fill(made, new)
-                check_entry(made)
-                self._fill(made, [*kept, *new])
-                check_files(made, submission=False)  # of the limits, which hold for all of them
-            except UserError as error:
-                # the user knows the place of the entry alone
-                raise UserError(str(error).replace(str(made), str(self.folder))) from error
-        with file_errors("make the folder", self.folder.parent):
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
-        write_folder(self.folder, lambda beside: self._fill(beside, [*kept, *new]))
-        return read_entry(self.folder)
-
-    def _fill(self, folder: Path, results: Iterable[EntryResult]) -> None:
-        write_metadata(folder, self.metadata)
-        write_results(folder, results)
+    new = join_fragments(fragments)
+    kept = _read_kept(folder, fragments[0], {result.place for result in new}, replace)
+    with tempfile.TemporaryDirectory() as name:
+        made = Path(name) / metadata.name
+        with file_errors("make the folder", made):
+            made.mkdir()
+        try:
+            fill(made, new)
+            check_entry(made)
+            fill(made, [*kept, *new])
+            check_files(made, submission=False)  # of the limits, which hold for all of them
+        except UserError as error:
+            # the user knows the place of the entry alone
+            raise UserError(str(error).replace(str(made), str(folder))) from error
+    with file_errors("make the folder", folder.parent):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    write_folder(folder, lambda beside: fill(beside, [*kept, *new]))
+    return read_entry(folder)

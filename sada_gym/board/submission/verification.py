@@ -6,26 +6,25 @@ speaks against a result: see `sada_gym.board.submission.flags`.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import itertools
 import json
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from sada_gym.board.results.entry import SAMPLES, Entry, EntryResult, GroupFiles, read_entry
-from sada_gym.board.results.models import SeedResult, Verified, VerifiedSeed
+from sada_gym.board.results.models import Verified, VerifiedSeed
 from sada_gym.board.results.samples import read_samples
 from sada_gym.board.submission.checks import check_entry, find_outdated
 from sada_gym.board.submission.flags import Evidence, SeedEvidence, find_flags
 from sada_gym.board.submission.scoring import measure_samples, score
 from sada_gym.errors import UserError
-from sada_gym.evaluations import Evaluations, seed_of
+from sada_gym.evaluations import seed_of
 from sada_gym.experiment.record import Experiment, place_of
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.parameters import Mu
@@ -34,7 +33,7 @@ State = Literal["verified", "unchanged", "outdated", "differs", "refused"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class Verdict:
     """What became of one result, or of an entry that was refused, which has no place.
 
     Attributes:
@@ -61,11 +60,12 @@ def verify(
     missing: bool = False,
     check: bool = False,
     against: Path | None = None,
-) -> Iterator[Finding]:
+) -> Iterator[Verdict]:
     """Verify entries, and write what is found beside their claims.
 
-    An entry that is refused does not stop the others. Results of one track and agent follow each
-    other, whatever their entries; the findings do not depend on this order.
+    An entry that is refused does not stop the others. What needs no evaluation comes first. Then
+    results of one track and agent follow each other, whatever their entries; the findings do not
+    depend on this order.
 
     Args:
         folders: The entries' folders.
@@ -87,52 +87,64 @@ def verify(
             "Expected a nonce, got none. Choose a text that nobody could know before the entries "
             "were submitted."
         )
-    results: list[tuple[Entry, EntryResult]] = []
+    due: list[tuple[Entry, EntryResult, str]] = []
     for folder in folders:
         try:
             check_entry(folder, submission=False)
             entry = read_entry(folder)
         except UserError as error:
-            yield Finding(folder.absolute().name, "", "refused", str(error))
-        else:
-            results += [(entry, result) for result in entry.results.values()]
-    for _, same_target in itertools.groupby(sorted(results, key=_attacked), _attacked):
-        with ExitStack() as stack:
-            target: OpenTarget | None = None
-            for entry, result in same_target:
-                finding = functools.partial(Finding, entry.metadata.name, result.place)
-                experiment, old = result.claimed.experiment, result.verified
-                chosen = old.nonce if nonce is None and old else nonce
-                if outdated := find_outdated(experiment):
-                    yield finding("outdated", outdated)
-                    continue
-                if chosen is None:
-                    yield finding("differs", "nothing of these samples is verified")
-                    continue
-                if old and not again and not check and (missing or old.nonce == chosen):
-                    yield finding("unchanged", verified=old)
-                    continue
-                # what was verified under another name is checked under that name
-                salt = old.salt if check and old else (entry.metadata.name, result.claimed.sha256)
-                try:
-                    if target is None:
-                        target = stack.enter_context(experiment.target.open(workers=workers))
-                    new = _verify_result(target, entry, result, salt, chosen, against)
-                    if not check:
-                        GroupFiles(entry.folder, result.group).add_verified(result.place, new)
-                except UserError as error:
-                    yield finding("refused", str(error))
-                    continue
-                if check and old != new:
-                    reason = "the file does not hold what the verifier finds"
-                    yield finding("differs", reason, new)
-                else:
-                    yield finding("unchanged" if check else "verified", verified=new)
+            yield Verdict(folder.absolute().name, "", "refused", str(error))
+            continue
+        for result in entry.results.values():
+            old, verdict = result.verified, partial(Verdict, entry.metadata.name, result.place)
+            chosen = old.nonce if nonce is None and old else nonce
+            if outdated := find_outdated(result.claimed.experiment):
+                yield verdict("outdated", outdated)
+            elif chosen is None:
+                yield verdict("differs", "nothing of these samples is verified")
+            elif old and not (again or check) and (missing or old.nonce == chosen):
+                yield verdict("unchanged", verified=old)
+            else:
+                due.append((entry, result, chosen))
+    for _, listed in itertools.groupby(sorted(due, key=_attacked), _attacked):
+        first, *others = listed
+        try:
+            opened = first[1].claimed.experiment.target.open(workers=workers)
+        except UserError as error:
+            for entry, result, _ in (first, *others):
+                yield Verdict(entry.metadata.name, result.place, "refused", str(error))
+            continue
+        with opened:
+            for entry, result, chosen in (first, *others):
+                yield _judge(opened, entry, result, chosen, check, against)
 
 
-def _attacked(listed: tuple[Entry, EntryResult]) -> tuple[str, str]:
+def _attacked(listed: tuple[Entry, EntryResult, str]) -> tuple[str, str]:
     target = listed[1].claimed.experiment.target
     return target.track, target.agent
+
+
+def _judge(
+    target: OpenTarget,
+    entry: Entry,
+    result: EntryResult,
+    nonce: str,
+    check: bool,
+    against: Path | None,
+) -> Verdict:
+    """Verify a result; write what is found, or compare it with what the file has."""
+    old, verdict = result.verified, partial(Verdict, entry.metadata.name, result.place)
+    # what was verified under another name is checked under that name
+    salt = old.salt if check and old else (entry.metadata.name, result.claimed.sha256)
+    try:
+        new = _verify_result(target, entry, result, salt, nonce, against)
+        if not check:
+            GroupFiles(entry.folder, result.group).add_verified(result.place, new)
+    except UserError as error:
+        return verdict("refused", str(error))
+    if check and old != new:
+        return verdict("differs", "the file does not hold what the verifier finds", new)
+    return verdict("unchanged" if check else "verified", verified=new)
 
 
 def fresh_seeds(salt: tuple[str, str], nonce: str, seed: int, count: int) -> list[int]:
@@ -154,35 +166,24 @@ def _verify_result(
     nonce: str,
     against: Path | None,
 ) -> Verified:
-    experiment = result.claimed.experiment
-    seeds = tuple(
-        _seed_evidence(target, claims, result.samples[claims.seed], salt, nonce)
-        for claims in result.claimed.seeds
-        if claims.measures is not None
-    )
+    experiment, seeds = result.claimed.experiment, []
+    for claims in result.claimed.seeds:
+        if claims.measures is None:
+            continue
+        samples, text = result.samples[claims.seed], json.dumps([*salt, nonce, claims.seed])
+        fresh = fresh_seeds(salt, nonce, claims.seed, len(samples))
+        again, measures = measure_samples(target, samples.mu, fresh, seed=claims.seed)
+        uniform = None
+        if target.reference is None:
+            seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+            mu = np.random.default_rng(seed).uniform(-1.0, 1.0, samples.mu.shape)
+            uniform = score(target, mu.astype(np.float32), fresh)
+        seeds.append(SeedEvidence(claims, samples, again, uniform, measures))
     folder = entry.folder.absolute().parent if against is None else against
     neighbours = _neighbours(folder, entry.metadata.name, experiment, target.dimension)
-    evidence = Evidence(experiment, seeds, target.reference, neighbours)
+    flags = find_flags(Evidence(experiment, seeds, target.reference, neighbours))
     measured = [VerifiedSeed(seed=seed.claimed.seed, measures=seed.measures) for seed in seeds]
-    flags = find_flags(evidence)
     return Verified.make(result.claimed, result.samples, salt, nonce, measured, flags)
-
-
-def _seed_evidence(
-    target: OpenTarget, claimed: SeedResult, samples: Evaluations, salt: tuple[str, str], nonce: str
-) -> SeedEvidence:
-    fresh = fresh_seeds(salt, nonce, claimed.seed, len(samples))
-    again, measures = measure_samples(target, samples.mu, fresh, seed=claimed.seed)
-    uniform = None
-    if target.reference is None:
-        mu = _uniform(json.dumps([*salt, nonce, claimed.seed]), samples.mu.shape)
-        uniform = score(target, mu, fresh)
-    return SeedEvidence(claimed, samples, again, uniform, measures)
-
-
-def _uniform(text: str, shape: tuple[int, ...]) -> Mu:
-    seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
-    return np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
 def _neighbours(folder: Path, name: str, experiment: Experiment, dimension: int) -> dict[str, Mu]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_experiments import made_experiment, made_target
 
-from sada_gym.board.results.f1 import f1, f1_figure
+from sada_gym.board.results.figures import f1, f1_figure
 from sada_gym.board.results.models import SeedResult
 from sada_gym.board.results.rows import RunSummary, front_of, rows_of_runs
 from sada_gym.experiment.measure import Measures

@@ -6,11 +6,13 @@ from sada_gym.analyses.plots.style import png
 from sada_gym.board.results.charts import (
     NOVELTY_PANELS,
     Curve,
+    _spread,
     anytime_curves,
+    label_ends,
     marginal_strips,
     novelty_ratios,
 )
-from sada_gym.board.results.labels import _spread, label_ends, place_labels
+from sada_gym.board.results.front import place_labels
 from sada_gym.parameters import Parameter, ParameterSpace
 
 
