@@ -19,7 +19,7 @@ from sada_gym.foundations.arrays import Floats, Floats32, real_scores
 from sada_gym.foundations.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.foundations.frames import Frame, LegendEntry
 from sada_gym.foundations.seeds import validate_seeds
-from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.parameters import Mu, ParameterSpace, Permits, all_can_exist
 
 if TYPE_CHECKING:
     from sada_gym.foundations.behaviour import Behaviour
@@ -104,6 +104,8 @@ class Application(ABC):
         agent: The agent under test, or None if it is part of the world.
         nominal: mu, (d,), of the world in ordinary use, or None if it is unknown.
         density: How likely worlds are in ordinary use, or None if it is unknown.
+        permits: Says which worlds of mu, (n, d), can exist at all, (n,). The others are never
+            computed, and no test sample is drawn there.
         repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
             simulator that cannot promise it says so; agents are then not asked twice.
         render_fps: Frames of `replay` in a second of its episode.
@@ -123,6 +125,7 @@ class Application(ABC):
     agent_name: str = ""
     nominal: Floats32 | None = None
     density: WorldDensity | None = None
+    permits: Permits = staticmethod(all_can_exist)
     _on_error: OnError = "raise"  # where a worker process dies in a world, see `watch`
     _timeout: float | None = None  # seconds that a worker process may take for a world
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
@@ -185,13 +188,6 @@ class Application(ABC):
             for i in range(len(batch))
         )
         return Outcomes(score, fooled, infos)
-
-    def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:  # noqa: ARG002
-        """Return which worlds of mu, (n, d), can exist at all; None where all can, as by default.
-
-        The others are never computed, and no test sample is drawn there.
-        """
-        return None
 
     @property
     def seconds_per_world(self) -> float | None:

@@ -25,6 +25,11 @@ Permits = Callable[[Mu], Bools]
 """Says which worlds of mu, (n, d), can exist at all, (n,)."""
 
 
+def all_can_exist(mu: Mu) -> Bools:
+    """Permit every world."""
+    return np.ones(len(mu), np.bool_)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One semantic parameter of a world.

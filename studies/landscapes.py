@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.parameters import all_can_exist
+
 WAVES = 40
 THRESHOLD = 0.3
 
@@ -68,6 +70,8 @@ class Landscape:
 
 class FunctionOracle:
     """The simplest oracle: a function with a budget."""
+
+    permits = staticmethod(all_can_exist)
 
     def __init__(self, function: object, budget: int, threshold: float = THRESHOLD) -> None:
         self.function, self.remaining, self.threshold = function, budget, threshold

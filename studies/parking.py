@@ -109,7 +109,7 @@ class Play:
     threshold = 0.5
 
     def __init__(self, application: GymnasiumApplication, budget: int) -> None:
-        self._application = application
+        self._application, self.permits = application, application.permits
         self.remaining = budget
         self.worlds: list[World] = []
         self.failed: list[bool] = []

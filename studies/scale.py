@@ -48,6 +48,7 @@ class ScaledOracle:
     def __init__(self, oracle: Oracle, scale: Scale) -> None:
         self._oracle, self._scale = oracle, scale
         self.threshold = float(scale.map(oracle.threshold))
+        self.permits = oracle.permits
 
     @property
     def remaining(self) -> int:

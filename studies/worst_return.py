@@ -81,7 +81,7 @@ class Lowest:
 
     def __init__(self, oracle: Oracle) -> None:
         self._oracle = oracle
-        self.threshold = oracle.threshold
+        self.threshold, self.permits = oracle.threshold, oracle.permits
         self.mu: npt.NDArray[np.float32] | None = None
         self.score = np.inf
 

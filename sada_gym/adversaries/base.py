@@ -15,7 +15,7 @@ from sada_gym.adversaries.dialogue import Dialogue
 from sada_gym.adversaries.options import Options, choose_options
 from sada_gym.errors import UserError, check_integer
 from sada_gym.foundations.arrays import Floats
-from sada_gym.parameters import Mu, Permits
+from sada_gym.parameters import Mu, Permits, all_can_exist
 
 MAX_DIMENSIONS = 1_000
 """The most semantic parameters: no application has nearly as many, and a covariance fits memory."""
@@ -32,6 +32,11 @@ class Query(Protocol):
     @property
     def threshold(self) -> float:
         """The fooling threshold: the agent is fooled where Q <= threshold."""
+        ...
+
+    @property
+    def permits(self) -> Permits:
+        """Says which worlds of mu, (n, d), can exist at all, (n,)."""
         ...
 
     def __call__(self, mu: npt.ArrayLike) -> Floats:
@@ -100,7 +105,7 @@ class Adversary(ABC):
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution."""
 
-    def start(self, budget: int, *, threshold: float, permits: Permits | None = None) -> None:
+    def start(self, budget: int, *, threshold: float, permits: Permits = all_can_exist) -> None:
         """Begin a training by `ask` and `tell`, which learns what `train` does to the last bit.
 
         For loops and simulator farms that the caller owns::
@@ -113,7 +118,7 @@ class Adversary(ABC):
         Args:
             budget: The number of queries.
             threshold: The agent is fooled where Q <= this.
-            permits: Says which worlds of mu, (n, d), can exist at all, (n,); None where all can.
+            permits: Says which worlds of mu, (n, d), can exist at all, (n,).
         """
         check_integer("budget", budget, 0)
         if self._dialogue is not None:

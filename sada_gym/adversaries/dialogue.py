@@ -30,7 +30,7 @@ class Dialogue:
         dimension: d.
         budget: The number of queries.
         threshold: The agent is fooled where Q <= this.
-        permits: See `Permits`; None where all can exist.
+        permits: See `Permits`.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Dialogue:
         dimension: int,
         budget: int,
         threshold: float,
-        permits: Permits | None = None,
+        permits: Permits,
     ) -> None:
         self._oracle = _Waiting(dimension, budget, threshold, permits)
         self._dimension = dimension
@@ -125,9 +125,7 @@ class Dialogue:
 class _Waiting:
     """The oracle that `train` gets: its queries wait until they are told."""
 
-    def __init__(
-        self, dimension: int, budget: int, threshold: float, permits: Permits | None
-    ) -> None:
+    def __init__(self, dimension: int, budget: int, threshold: float, permits: Permits) -> None:
         self.dimension, self.remaining, self.threshold = dimension, budget, threshold
         self.permits = permits
         self.asked: Queue[Mu | BaseException | None] = Queue()

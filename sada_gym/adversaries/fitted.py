@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,9 @@ from sada_gym.adversaries.query_pool import (
 )
 from sada_gym.errors import UserError, check_known
 from sada_gym.evaluations import Evaluations
-from sada_gym.foundations.arrays import AnyFloats, Bools
+from sada_gym.foundations.arrays import AnyFloats
 from sada_gym.foundations.files import OneLine, Strict, write_file, write_model
-from sada_gym.parameters import Mu
+from sada_gym.parameters import Mu, Permits, all_can_exist
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -63,7 +63,7 @@ class FittedAdversary(Adversary):
     queries: Evaluations
     threshold: float
     _trained = False
-    _permits: Callable[[Mu], Bools | None] | None = None  # of the oracle that it was trained on
+    _permits: Permits = staticmethod(all_can_exist)  # of the oracle that it was trained on
     _query_keys: set[bytes]
     _before_fit: Mapping[str, Any]
 
@@ -109,7 +109,7 @@ class FittedAdversary(Adversary):
             ValueError: If the budget is too small, or a score is not finite.
         """
         self.flags, self.threshold = [], float(oracle.threshold)
-        self._permits = getattr(oracle, "permits", None)
+        self._permits = oracle.permits
         self._before_fit = self.rng.bit_generator.state
         self._set_queries(self._train(oracle))
         self._trained = True

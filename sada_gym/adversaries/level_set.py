@@ -13,7 +13,7 @@ from sada_gym.adversaries.models.hits import MIN_NEAR, Hits, between, in_turn
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.options import Options, option
-from sada_gym.adversaries.query_pool import draw_permitted, evaluate, evaluate_uniform, permitted
+from sada_gym.adversaries.query_pool import draw_permitted, evaluate, evaluate_uniform
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import AnyFloats, Bools, Floats, Indices
@@ -164,7 +164,8 @@ class LevelSet(FittedAdversary):
         if len(likely) <= MIN_NEAR:
             return beside
         # a way from hit to hit may leave the feasible region, and may do so everywhere
-        middle = permitted(_mu(between(likely, half, self.rng)), self._permits)
+        middle = _mu(between(likely, half, self.rng))
+        middle = middle[self._permits(middle)]
         return np.concatenate([beside, middle])
 
     def _hits(self, queries: Evaluations, surrogate: Surrogate) -> Hits:

@@ -10,8 +10,7 @@ import numpy as np
 from sada_gym.adversaries.base import Query
 from sada_gym.errors import AdversaryError, BudgetTooSmall, UserError
 from sada_gym.evaluations import Evaluations
-from sada_gym.foundations.arrays import Bools
-from sada_gym.parameters import Mu
+from sada_gym.parameters import Mu, Permits
 
 FALLBACK_SIZE = 100
 """The size of S where no point fools: the paper's s."""
@@ -40,35 +39,27 @@ def evaluate(mu: Mu, oracle: Query) -> Evaluations:
     return Evaluations.unseeded(mu, score)
 
 
-def permitted(mu: Mu, permits: Callable[[Mu], Bools | None] | None) -> Mu:
-    """Return those of mu, (n, d), that lie in the region that `permits` allows."""
-    allowed = None if permits is None else permits(mu)
-    return mu if allowed is None else mu[allowed]
-
-
 _DRAWN_EACH = 4_000
 """Points drawn for each that a feasible region must hold: 1 in 1,000 is the least that works."""
 
 
-def draw_permitted(
-    draw: Callable[[int], Mu], n: int, permits: Callable[[Mu], Bools | None] | None
-) -> Mu:
+def draw_permitted(draw: Callable[[int], Mu], n: int, permits: Permits) -> Mu:
     """Draw until n mu lie in the region that `permits` allows, see `Oracle.permits`: (n, d).
 
     Raises:
         AdversaryError: If hardly any mu lies there.
     """
-    if permits is None or not n:
-        return draw(n)
-    kept: list[Mu] = []
-    count = drawn = 0
+    drawn_first = draw(n)
+    kept = [drawn_first[permits(drawn_first)]]
+    count, drawn = len(kept[0]), n
     while count < n:
         if drawn > _DRAWN_EACH * (n + 10):
             raise AdversaryError(
                 f"Expected {n:,} mu in the region that feasible= allows, got {count:,} of "
                 f"{drawn:,} drawn. Shrink the ranges to that region."
             )
-        kept.append(permitted(draw(n), permits))
+        more = draw(n)
+        kept.append(more[permits(more)])
         count, drawn = count + len(kept[-1]), drawn + n
     return np.concatenate(kept)[:n]
 
@@ -87,10 +78,8 @@ def evaluate_uniform(
     """
     if n < 1:
         raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
-    permits = getattr(oracle, "permits", None)
-    return evaluate(
-        draw_permitted(lambda count: draw_uniform(count, dimension, rng), n, permits), oracle
-    )
+    drawn = draw_permitted(lambda count: draw_uniform(count, dimension, rng), n, oracle.permits)
+    return evaluate(drawn, oracle)
 
 
 def select_fooling(

@@ -184,13 +184,6 @@ def find_weaknesses(
         valid[[*answer.invalid]] = False
         return fools(answer.scores, threshold) & valid, valid
 
-    any_world = np.zeros((1, len(application.parameters)), np.float32)
-
-    def permits(mu: Mu) -> Bools:
-        permitted = application.permits(mu)
-        assert permitted is not None
-        return permitted
-
     return diagnose_worlds(
         application.parameters,
         queries + samples,
@@ -199,7 +192,7 @@ def find_weaknesses(
         evaluate=evaluate,
         fresh=most,
         enough=fresh is None,
-        permits=None if application.permits(any_world) is None else permits,
+        permits=application.permits,
         seed=settings.seed,
     )
 

@@ -17,14 +17,12 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.problems import Problem
 from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
-from sada_gym.foundations.arrays import Bools, Floats
-from sada_gym.parameters import Mu, validate_mu
+from sada_gym.foundations.arrays import Floats
+from sada_gym.parameters import Permits, all_can_exist, validate_mu
 
 Progress = Callable[[int, int, int], None]
 """A function progress(done, total, cached): queries answered, budget, answers from the store."""
 
-Permits = Callable[[Mu], Bools | None]
-"""See `Application.permits`."""
 
 MAX_QUERIES = 10_000_000
 """The largest budget. An oracle keeps its queries in memory; so many take a gigabyte."""
@@ -128,13 +126,9 @@ class Oracle:
         return Evaluations.joined(self._record)
 
     @property
-    def permits(self) -> Permits | None:
-        """The function that says which worlds can exist at all; None where all can."""
-        application = self.application
-        if application is None:
-            return None
-        any_world = np.zeros((1, self.dimension), np.float32)
-        return None if application.permits(any_world) is None else application.permits
+    def permits(self) -> Permits:
+        """Says which worlds of mu, (n, d), can exist at all, (n,)."""
+        return all_can_exist if self.application is None else self.application.permits
 
     @property
     def invalid(self) -> dict[int, str]:

@@ -22,7 +22,7 @@ from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import fools
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import FoolingRate, attack_fooling_rate
-from sada_gym.parameters import validate_mu
+from sada_gym.parameters import Permits, validate_mu
 from sada_gym.testing import rules
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
@@ -56,6 +56,11 @@ class RecordingOracle:
     def threshold(self) -> float:
         """The fooling threshold."""
         return self._application.fooling_threshold
+
+    @property
+    def permits(self) -> Permits:
+        """Says which worlds can exist."""
+        return self._application.permits
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the scores, (n,) float64, of mu (n, d)."""

@@ -95,8 +95,7 @@ class Mixture:
     def _uniform(self, rng: np.random.Generator) -> Floats32:
         for _ in range(_TRIED):
             mu = rng.uniform(-1.0, 1.0, (1, len(self.space.parameters))).astype(np.float32)
-            permitted = self.space.permits(mu)
-            if permitted is None or permitted[0]:
+            if self.space.permits(mu)[0]:
                 drawn: Floats32 = mu[0]
                 return drawn
         raise UserError("Expected a region of worlds that can exist, found none.")
@@ -108,8 +107,7 @@ class Mixture:
                 f"none, got {name!r}."
             )
         pool = as_source(source).pool(self.space)
-        permitted = self.space.permits(pool)
-        pool = pool if permitted is None else pool[permitted]
+        pool = pool[self.space.permits(pool)]
         if not len(pool):
             raise UserError(
                 f"Expected worlds that can exist from the source {name!r}, got none: feasible= "

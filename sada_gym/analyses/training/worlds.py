@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -13,12 +13,8 @@ import numpy as np
 from sada_gym.densities import WorldDensity
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import InvalidWorld
-from sada_gym.foundations.arrays import Bools, Floats32
-from sada_gym.parameters import Mu, ParameterSpace
-
-
-def _all(_: Mu) -> Bools | None:
-    return None
+from sada_gym.foundations.arrays import Floats32
+from sada_gym.parameters import ParameterSpace, Permits, all_can_exist
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +27,14 @@ class WorldSpace:
         nominal: mu, (d,), of the world in ordinary use; None where that is the environment as it
             is, without a mu.
         density: How likely worlds are in ordinary use, or None if it is unknown.
-        permits: Says which worlds of mu, (n, d), can exist, (n,); None where all can.
+        permits: Says which worlds of mu, (n, d), can exist, (n,).
     """
 
     name: str
     parameters: ParameterSpace
     nominal: Floats32 | None = None
     density: WorldDensity | None = None
-    permits: Callable[[Mu], Bools | None] = _all
+    permits: Permits = all_can_exist
 
 
 class Worlds(Protocol):

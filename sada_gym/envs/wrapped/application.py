@@ -258,11 +258,12 @@ class GymnasiumApplication(EpisodePictures):
         self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._feasible = Feasible.of(feasible, self.parameters.names)
         if self._feasible.conditions:
+            self.permits = self._possible
             self._check_region()
         if num_envs is not None:
             self._at_once = min(self._at_once, max(num_envs // episodes, 1))
         corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
-        worlds = corners[self._possible(corners)]
+        worlds = corners[self.permits(corners)]
         starts = self._starts(worlds, [0, 0][: len(worlds)])
         self.stale = check_ranges(self.episode_spec, starts, seconds)
 
@@ -304,8 +305,8 @@ class GymnasiumApplication(EpisodePictures):
                     f"worlds at least, got {found} of {drawn:,}. Shrink the ranges to the region."
                 )
             mu = rng.uniform(-1.0, 1.0, (100, len(self.parameters))).astype(np.float32)
-            found, drawn = found + sum(self._possible(mu).tolist()), drawn + len(mu)
-        if self.nominal is not None and not self._possible(self.nominal[None]).all():
+            found, drawn = found + sum(self.permits(mu).tolist()), drawn + len(mu)
+        if self.nominal is not None and not self.permits(self.nominal[None]).all():
             self.nominal = None
 
     def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:

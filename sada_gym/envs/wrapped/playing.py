@@ -113,13 +113,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             for row in self.parameters.physical(mu).tolist()
         ]
 
-    def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:
-        """Return which worlds of mu, (n, d), are feasible; None where all are."""
-        return self._possible(mu) if self._feasible.conditions else None
-
     def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
-        if not self._feasible.conditions:
-            return np.ones(len(mu), np.bool_)
         return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
     def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
@@ -178,7 +172,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             play(policy, episodes)
             return episodes.running
 
-        left, each = np.flatnonzero(self._possible(mu)).tolist(), self._episode_count
+        left, each = np.flatnonzero(self.permits(mu)).tolist(), self._episode_count
         while left:
             worlds = left[: self._at_once]
             starts = self._starts(mu[worlds], [seeds[i] for i in worlds])
@@ -199,7 +193,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         if len(mu) < _TRIED and not is_watched():
             shares = np.linspace(0.9, 0.7, _TRIED - len(mu), dtype=np.float32)[:, None]
             others = shares * mu[0] - np.float32(0.01)
-            others = others[self._possible(others)]
+            others = others[self.permits(others)]
             mu, seeds = np.concatenate([mu, others]), [*seeds, *(len(others) * seeds[:1])]
         together = self._answers(mu, seeds)
         alone = [self._answers(mu[i : i + 1], seeds[i : i + 1])[0] for i in range(len(mu))]

@@ -20,7 +20,7 @@ from sada_gym.measures.diagnosis.wording import conditions, listed, thresholds
 from sada_gym.measures.failure_regions import MIN_FAILURES, Condition, too_few
 from sada_gym.measures.groups import neighbourhoods, places
 from sada_gym.measures.rates import Rate
-from sada_gym.parameters import Mu, ParameterSpace, Permits
+from sada_gym.parameters import ParameterSpace, Permits, all_can_exist
 
 _EXAMPLES = 5
 _FEWEST_UNIFORM = 30
@@ -40,7 +40,7 @@ def diagnose_worlds(
     evaluate: Try | None = None,
     fresh: int = 0,
     enough: bool = False,
-    permits: Permits | None = None,
+    permits: Permits = all_can_exist,
     seed: int = 0,
 ) -> Diagnosis:
     """Find the weaknesses that known worlds show, and check them by fresh ones.
@@ -53,11 +53,11 @@ def diagnose_worlds(
         evaluate: Evaluates fresh worlds; None where none can be.
         fresh: The most fresh worlds.
         enough: Whether there may be more, where so few cannot confirm each rule.
-        permits: Which worlds can exist at all; None where all can.
+        permits: Which worlds can exist at all.
         seed: Fixes the result.
     """
-    rng, permitted = np.random.default_rng([seed, 1]), permits or _anything
-    possible = known[uniform & permitted(known.mu)]
+    rng = np.random.default_rng([seed, 1])
+    possible = known[uniform & permits(known.mu)]
     everywhere = np.zeros(len(possible), np.intp)
     drawn = Drawn(possible.mu, possible.fooled(threshold), ~possible.invalid, everywhere)
     kept = ~known.invalid
@@ -71,7 +71,7 @@ def diagnose_worlds(
     spent = 0
     if evaluate is not None and fresh and uniform.sum() < _FEWEST_UNIFORM:
         mu = draw((), space, fresh // 2, rng)
-        mu = mu[permitted(mu)]
+        mu = mu[permits(mu)]
         hits, valid = evaluate(mu)
         spent = len(mu)
         drawn += Drawn(mu, hits, valid, np.zeros(spent, np.intp))
@@ -81,7 +81,7 @@ def diagnose_worlds(
     rows = _chosen(len(known), rng)
     found = find_rules(space, known.mu[rows], fooled[rows], uniform[rows], seed)
     rules = [conditions(space, rule) for rule in found.rules]
-    checker = Checker(space, rules, permitted, rng)
+    checker = Checker(space, rules, permits, rng)
     own = checker.spend(evaluate, fresh - spent, enough=enough)
     drawn += own
     outside = own.at(1)
@@ -111,10 +111,6 @@ def diagnose_worlds(
         explained=_share(np.logical_or.reduce(explained), fooled, uniform) if explained else 0.0,
         fresh=spent + len(own.mu),
     )
-
-
-def _anything(mu: Mu) -> Bools:
-    return np.ones(len(mu), np.bool_)
 
 
 def _chosen(count: int, rng: np.random.Generator) -> Indices:
