@@ -45,7 +45,7 @@ def draw_missing(
             run.samples,
             Evaluations.empty(run.samples.mu.shape[1]) if queries is None else queries,
             beside,
-            headline=run.result.where.sentence if diagnosis is None else diagnosis.sentence,
+            headline="" if diagnosis is None else diagnosis.sentence,
             on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
             on_frame=frames.__setitem__,
         )

@@ -32,7 +32,6 @@ from sada_gym.experiment.measure import (
 from sada_gym.experiment.nominal import NominalWorld, explore_nominal, most_worlds, seeds_within
 from sada_gym.experiment.record import FailureProbability, RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
-from sada_gym.measures.failure_regions import failure_regions
 from sada_gym.measures.novelty import Neighbours, image_neighbours
 from sada_gym.measures.rates import weighted_rate
 from sada_gym.measures.sensitivity import Influence, fit_failures
@@ -224,9 +223,6 @@ class Algorithm1:
                 "test_stream": "test",
             },
             flags=tuple(flag for flag in flags if flag is not None),
-            where=failure_regions(
-                self.application.parameters, samples.mu[samples.fooled(self._threshold)]
-            ),
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
             in_use=self._failure_probability(),

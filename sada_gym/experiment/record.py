@@ -16,7 +16,6 @@ from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.experiment.nominal import NominalWorld
 from sada_gym.experiment.target import Target
 from sada_gym.foundations.files import OneLine, Strict
-from sada_gym.measures.failure_regions import FailureRegions
 from sada_gym.measures.sensitivity import Influence
 
 
@@ -195,12 +194,12 @@ class RunReport(Measures):
     search: Search
     seeds: dict[str, str | int]
     flags: tuple[OneLine, ...]
-    where: FailureRegions
     invalid: InvalidWorlds | None = None
     uniform: UniformQueries | None = None
     in_use: FailureProbability | None = None
     nominal: NominalWorld | None = None
     influences: tuple[Influence, ...] = ()
+    where: Any = Field(None, exclude=True)  # of files before the diagnosis alone said it
 
     def measures(self) -> Measures:
         """Return the measures alone."""

@@ -35,7 +35,7 @@ def summary_rows(
 ) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each finding; `further` ones stand behind where it fails.
 
-    The rows of a diagnosis say `where`, if there are any. With the parameters' `space` values are
+    The rows of a diagnosis say `where`. With the parameters' `space` values are
     written as people say them: by labels, units and choices.
     """
     values = _Values(space)
@@ -48,7 +48,7 @@ def summary_rows(
     if invalid is not None and invalid.samples:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{tenths(report.afr)} ({interval}), {of_samples}"
-    yield from tuple(where) or [("where", report.where.sentence)]
+    yield from where
     yield from further
     if report.influences:
         yield "what matters", _influences(report.influences, values)

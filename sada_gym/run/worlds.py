@@ -20,9 +20,8 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import Integers
 from sada_gym.foundations.files import OneLine, Strict, read_model, write_file, write_model
 from sada_gym.foundations.frames import LegendEntry, Mark
-from sada_gym.measures.diagnosis.record import SumCondition
+from sada_gym.measures.diagnosis.record import Condition, SumCondition
 from sada_gym.measures.diagnosis.rules import holds
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 WORLDS_FILE = "worlds.csv"

@@ -328,8 +328,8 @@ def test_the_summary_names_the_keywords_of_a_general_id(tmp_path):
 def test_the_result_is_all_that_stdout_gets(tmp_path):
     result = attack(tmp_path / "out")
     assert result.stdout.startswith("SADA-Analytic-v0 · toy:Greedy\n")
-    where = json.loads((tmp_path / "out" / "result.json").read_text())["where"]
-    assert f"where                 {where['sentence']}\n" in result.stdout
+    where = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["sentence"]
+    assert f"where                 {where}\n" in result.stdout
     assert all(line == line.rstrip() for line in result.stdout.splitlines())
 
 

@@ -17,10 +17,9 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import Protocol, RunReport, RunSettings
 from sada_gym.experiment.target import Target
 from sada_gym.foundations.figures import percent
-from sada_gym.measures.diagnosis.record import Diagnosis, Example, Rate, Weakness
+from sada_gym.measures.diagnosis.record import Condition, Diagnosis, Example, Rate, Weakness
 from sada_gym.measures.diagnosis.summary import rate_text
 from sada_gym.measures.diagnosis.summary import rows as weakness_rows
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.measures.failures import Failures
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run import Run
@@ -164,12 +163,9 @@ class RunView:
 
     @property
     def rules(self) -> tuple[tuple[Condition, ...], ...]:
-        """The conditions of each weakness: of the diagnosis, or of the figures where it is none."""
-        if self.diagnosis is not None:
-            return tuple(weakness.conditions for weakness in self.diagnosis.weaknesses)
-        if self.result is not None and self.result.where.conditions:
-            return (self.result.where.conditions,)
-        return ()
+        """The conditions of each weakness."""
+        weaknesses = () if self.diagnosis is None else self.diagnosis.weaknesses
+        return tuple(weakness.conditions for weakness in weaknesses)
 
     def write_worlds(self) -> None:
         """Write worlds.csv and worlds.json into the folder; nothing where no name is known."""
@@ -207,10 +203,8 @@ class RunView:
 
     @property
     def sentence(self) -> str:
-        """The diagnosis in a sentence."""
-        if self.diagnosis is not None:
-            return self.diagnosis.sentence
-        return "" if self.result is None else self.result.where.sentence
+        """The diagnosis in a sentence; empty where there is none."""
+        return "" if self.diagnosis is None else self.diagnosis.sentence
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:

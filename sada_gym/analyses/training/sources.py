@@ -22,9 +22,8 @@ from sada_gym.errors import FileError, StoreInUse, UserError, UserTypeError, che
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import RunSettings
 from sada_gym.foundations.files import shown
-from sada_gym.measures.diagnosis.record import read_diagnosis
+from sada_gym.measures.diagnosis.record import Condition, read_diagnosis
 from sada_gym.measures.diagnosis.rules import draw
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.run import Run, load_run
 from sada_gym.run.folder import SETTINGS_FILE

@@ -10,7 +10,6 @@ import numpy as np
 
 from sada_gym.foundations.arrays import Bools, Floats, Indices
 from sada_gym.measures.diagnosis.rounding import roundest
-from sada_gym.measures.failure_regions import is_ordered
 from sada_gym.parameters import Parameter, ParameterSpace
 
 CELLS = 40
@@ -164,3 +163,13 @@ def _intervals(count: int, cyclic: bool, most: int) -> tuple[Indices, Indices]:
     stops = starts + sizes
     kept = np.ones(stops.shape, np.bool_) if cyclic else stops <= count
     return starts[kept], stops[kept]
+
+
+def is_ordered(parameter: Parameter) -> bool:
+    """Return whether a parameter's choices are consecutive whole numbers."""
+    names = parameter.choices
+    try:
+        numbers = list(map(int, names))
+    except ValueError:
+        return False
+    return numbers == list(range(numbers[0], numbers[0] + len(names)))

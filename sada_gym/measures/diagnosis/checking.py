@@ -11,9 +11,8 @@ import numpy as np
 
 from sada_gym.foundations.arrays import Bools, Floats, Indices
 from sada_gym.measures.diagnosis.find import Found
-from sada_gym.measures.diagnosis.record import LEAST_FRESH
+from sada_gym.measures.diagnosis.record import LEAST_FRESH, Condition
 from sada_gym.measures.diagnosis.rules import draw, holds, volume
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.measures.rates import Rate, weighted_rate
 from sada_gym.parameters import Mu, ParameterSpace, Permits
 

@@ -12,12 +12,17 @@ from sada_gym.foundations.figures import percent
 from sada_gym.measures.diagnosis.checking import MOST_RULES, Checker, Drawn, Try, stands
 from sada_gym.measures.diagnosis.find import find_rules
 from sada_gym.measures.diagnosis.grouping import parts_of
-from sada_gym.measures.diagnosis.record import Diagnosis, Example, SumCondition, Weakness
+from sada_gym.measures.diagnosis.record import (
+    Condition,
+    Diagnosis,
+    Example,
+    SumCondition,
+    Weakness,
+)
 from sada_gym.measures.diagnosis.rules import draw, holds, volume
 from sada_gym.measures.diagnosis.summary import rate_text
 from sada_gym.measures.diagnosis.thresholds import Rule
 from sada_gym.measures.diagnosis.wording import conditions, listed, thresholds
-from sada_gym.measures.failure_regions import MIN_FAILURES, Condition, too_few
 from sada_gym.measures.groups import neighbourhoods, places
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import ParameterSpace, Permits, all_can_exist
@@ -29,6 +34,10 @@ _FEWEST_UNIFORM = 30
 _FEWEST_SHARED = 20
 _MOST_KNOWN = 20_000
 _NEARLY_ALL = 0.9
+
+
+MIN_FAILURES = 10
+"""The least number of different failures of which anything is said."""
 
 
 def diagnose_worlds(
@@ -66,7 +75,7 @@ def diagnose_worlds(
     fooled = known.fooled(threshold)
     failing = np.unique(known.mu[fooled] + np.float32(0.0), axis=0)
     if len(failing) < MIN_FAILURES:
-        sentence = too_few(int(fooled.sum()), len(failing), "world")
+        sentence = _too_few(int(fooled.sum()), len(failing))
         return Diagnosis(sentence=sentence, worlds=count, failures=len(failing))
     spent = 0
     if evaluate is not None and fresh and uniform.sum() < _FEWEST_UNIFORM:
@@ -111,6 +120,17 @@ def diagnose_worlds(
         explained=_share(np.logical_or.reduce(explained), fooled, uniform) if explained else 0.0,
         fresh=spent + len(own.mu),
     )
+
+
+def _too_few(failures: int, different: int) -> str:
+    """Say that so many failures, so many of them different, say nothing."""
+    if not failures:
+        return "No world fooled the agent."
+    if different < failures:
+        worlds = "one world" if different == 1 else f"{different} different worlds"
+        return f"The {failures:,} failures are {worlds}, too few to say where the agent fails."
+    count = "Only one world" if failures == 1 else f"Only {failures} worlds"
+    return f"{count} fooled the agent, too few to say where it fails."
 
 
 def _chosen(count: int, rng: np.random.Generator) -> Indices:

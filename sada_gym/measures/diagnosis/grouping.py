@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sada_gym.foundations.arrays import Indices
-from sada_gym.measures.diagnosis.record import Diagnosis, Weakness
+from sada_gym.measures.diagnosis.record import Condition, Diagnosis, Weakness
 from sada_gym.measures.diagnosis.rules import draw, holds
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.measures.failures import Group
 from sada_gym.measures.groups import distinct, words
 from sada_gym.parameters import Mu, ParameterSpace

@@ -9,7 +9,6 @@ from pydantic import Field
 
 from sada_gym.errors import FileError
 from sada_gym.foundations.files import OneLine, Strict, as_path, read_model, write_model
-from sada_gym.measures.failure_regions import Condition
 from sada_gym.measures.rates import Rate
 
 __all__ = [
@@ -44,6 +43,17 @@ class Threshold(Strict):
     parameter: str
     value: float
     interval_95: tuple[float, float]
+
+
+class Condition(Strict):
+    """One or more ranges of a parameter, (low, high) in physical values; any of them will do.
+
+    The text is the condition as people say it, such as `camera pitch is above 35°`.
+    """
+
+    parameter: str
+    ranges: tuple[tuple[float, float], ...]
+    text: OneLine
 
 
 class SumCondition(Condition):

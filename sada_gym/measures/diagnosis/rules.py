@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Bools, Floats
-from sada_gym.measures.diagnosis.record import SumCondition
-from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.diagnosis.record import Condition, SumCondition
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 _VOLUME_DRAWS = 2**14

@@ -10,7 +10,9 @@ from sada_gym.measures.rates import Rate
 
 
 def rows(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each weakness."""
+    """Yield the name and the text of each weakness, or one row that says why there is none."""
+    if not diagnosis.weaknesses:
+        yield "where", diagnosis.sentence
     for place, weakness in enumerate(diagnosis.weaknesses, 1):
         name = "weakness" if len(diagnosis.weaknesses) == 1 else f"weakness {place}"
         text = f"{weakness.text}: {_findings(weakness)}"

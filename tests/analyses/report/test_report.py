@@ -25,8 +25,14 @@ from sada_gym.analyses.report.views import Picture
 from sada_gym.application import Scored
 from sada_gym.cli import app
 from sada_gym.errors import FileError, UserError
-from sada_gym.measures.diagnosis.record import Diagnosis, Example, Rate, Weakness, write_diagnosis
-from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.diagnosis.record import (
+    Condition,
+    Diagnosis,
+    Example,
+    Rate,
+    Weakness,
+    write_diagnosis,
+)
 
 
 class Page(html.parser.HTMLParser):

@@ -9,8 +9,7 @@ from hostile_worlds import FORMULA, TAG, Hostile
 from toy import Greedy
 
 from sada_gym import attack
-from sada_gym.measures.diagnosis.record import SumCondition
-from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.diagnosis.record import Condition, SumCondition
 from sada_gym.run.worlds import WorldColumns, parameters_of, plain, read_columns, weakness_of
 
 

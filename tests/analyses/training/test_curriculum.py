@@ -31,8 +31,7 @@ from sada_gym.envs.wrapped import (
 )
 from sada_gym.errors import FileError, UserError
 from sada_gym.foundations.determinism import one_thread
-from sada_gym.measures.diagnosis.record import Diagnosis, Weakness, write_diagnosis
-from sada_gym.measures.failure_regions import Condition
+from sada_gym.measures.diagnosis.record import Condition, Diagnosis, Weakness, write_diagnosis
 from sada_gym.oracle import Oracle
 
 TOML = """

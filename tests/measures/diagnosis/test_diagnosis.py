@@ -9,8 +9,8 @@ from sada_gym import Parameter, ParameterSpace
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.diagnosis.checking import Checker
 from sada_gym.measures.diagnosis.core import diagnose_worlds
+from sada_gym.measures.diagnosis.record import Condition
 from sada_gym.measures.diagnosis.rules import holds
-from sada_gym.measures.failure_regions import Condition
 
 AROUND = ("in front", "on the left", "behind", "on the right")
 SPACE = ParameterSpace(

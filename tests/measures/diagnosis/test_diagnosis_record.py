@@ -7,6 +7,7 @@ from sada_gym import Parameter, ParameterSpace
 from sada_gym.errors import FileError
 from sada_gym.measures.diagnosis.record import (
     DIAGNOSIS_FILE,
+    Condition,
     Diagnosis,
     Rate,
     Weakness,
@@ -14,7 +15,6 @@ from sada_gym.measures.diagnosis.record import (
     write_diagnosis,
 )
 from sada_gym.measures.diagnosis.rules import draw, holds, volume
-from sada_gym.measures.failure_regions import Condition
 
 AROUND = ("in front", "on the left", "behind", "on the right")
 SPACE = ParameterSpace(
