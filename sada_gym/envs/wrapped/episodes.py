@@ -417,17 +417,28 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if self._spec.score.keeps_all:
             self._observations.append(deepcopy(observation))
             self._infos.append(deepcopy(info))
+        elif self._spec.score.keeps_infos:
+            self._infos.append(deepcopy(info))
         else:
             self._infos = [info]
         # NumPy's own copy takes a third of the time
         return observation.copy() if type(observation) is np.ndarray else deepcopy(observation)
 
     def _validate_reward(self, reward: Any) -> float:
+        entry = self._spec.score.entry
+        if entry is not None:
+            if np.ndim(reward) != 1 or entry >= len(reward):
+                raise UserError(
+                    f"Expected rewards with an entry {entry} from {self._spec.factory.name}, as "
+                    f"score= says, got {shown(str(reward))}. Name another entry, or none."
+                )
+            reward = reward[entry]
         if np.size(reward) != 1 or isinstance(reward, str | Mapping):
             raise UserTypeError(
                 f"Expected one number as a reward from {self._spec.factory.name}, got "
-                f"{shown(str(reward))}. Choose an entry or a weighted sum by a wrapper: let a "
-                "function make the environment, TransformReward(env, lambda reward: reward[0])."
+                f"{shown(str(reward))}. Choose an entry by score=('return', low, high, ENTRY), or "
+                "a weighted sum by a wrapper: let a function make the environment, "
+                "TransformReward(env, lambda reward: reward @ weights)."
             )
         try:
             value = float(reward)

@@ -1,4 +1,4 @@
-"""Scores of episodes: by return, success, length, or a function of the user's."""
+"""Scores of episodes: by return, success, failure, cost, length, or a function of the user's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import code_name, function_name
-from sada_gym.errors import InvalidWorld, UserError, UserTypeError, explained
+from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_integer, explained
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ class Episode:
 
 
 ScoreLike = str | tuple[Any, ...] | list[Any] | Callable[[Episode], float]
-"""("return", low, high), "success", ("success", key), ("length", maximum), or a function."""
+"""("return", low, high) or, of rewards that are vectors, ("return", low, high, entry); "success" or
+("success", key); ("failure", key); ("cost", limit) or ("cost", limit, key); ("length", maximum); or
+a function of the episode."""
 
 
 class Score(ABC):
@@ -55,6 +57,12 @@ class Score(ABC):
 
     keeps_all: bool = False
     """Whether it needs the observations, the actions and all infos."""
+
+    keeps_infos: bool = False
+    """Whether it needs all infos."""
+
+    entry: int | None = None
+    """Which entry of a reward counts; None where a reward is one number."""
 
     @property
     @abstractmethod
@@ -72,9 +80,12 @@ class Return(Score):
 
     low: float
     high: float
+    entry: int | None = None
 
     def __post_init__(self) -> None:
-        """Check the range."""
+        """Check the range and the entry."""
+        if self.entry is not None:
+            check_integer("the entry in score=('return', low, high, entry)", self.entry, 0)
         if not (_is_finite(self.low) and _is_finite(self.high) and self.low < self.high):
             raise UserError(
                 f"Expected score=('return', low, high) with finite low < high, got {self.low!r} "
@@ -83,7 +94,8 @@ class Return(Score):
 
     @property
     def settings(self) -> Any:  # noqa: D102
-        return ["return", float(self.low), float(self.high)]
+        entry = [] if self.entry is None else [self.entry]
+        return ["return", float(self.low), float(self.high), *entry]
 
     def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
         share = (episode.total - self.low) / (self.high - self.low)
@@ -108,25 +120,62 @@ class Success(Score):
         info, keys = episode.infos[-1], SUCCESS_KEYS if self.key is None else (self.key,)
         key = next((key for key in keys if key in info), None)
         if key is None:
-            wanted = " or ".join(f"info[{key!r}]" for key in keys)
-            listed = ", ".join(repr(str(key)) for key in info) or "none"
+            raise _missing(self, keys, info, "at the end")
+        return float(_truth(info, key, "success")), False
+
+
+@dataclass(frozen=True)
+class Failure(Score):
+    """1 unless an entry of any step's info is true; a step that lacks it did not fail."""
+
+    key: str
+    keeps_infos = True
+
+    @property
+    def settings(self) -> Any:  # noqa: D102
+        return ["failure", self.key]
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
+        having = [info for info in episode.infos if self.key in info]
+        if not having:
+            raise _missing(self, (self.key,), episode.infos[-1], "at any step")
+        return float(not any(_truth(info, self.key, "a failure") for info in having)), False
+
+
+@dataclass(frozen=True)
+class Cost(Score):
+    """1 without costs, down to 0 where those of all steps' infos add up to `limit` or more."""
+
+    limit: float
+    key: str = "cost"
+    keeps_infos = True
+
+    def __post_init__(self) -> None:
+        """Check the limit."""
+        if not _is_finite(self.limit) or self.limit <= 0:
             raise UserError(
-                f"Expected {wanted} at the end of an episode for score={self.settings!r}, got the "
-                f"keys {listed}. Name another key, score=('success', 'key'), or pass a function "
-                "such as score=lambda episode: float(episode.terminated)."
+                f"Expected score=('cost', limit) with a limit above 0, got {self.limit!r}."
             )
-        value = info[key]
-        if isinstance(value, np.generic | np.ndarray) and value.size == 1:
-            value = value.item()
-        if isinstance(value, float) and np.isnan(value):
-            reason = f"info[{key!r}] is NaN"
-            raise InvalidWorld(f"Expected True or False as success, but {reason}.", reason)
-        if not isinstance(value, bool | int | float) or value not in (0, 1):
-            raise UserTypeError(
-                f"Expected info[{key!r}] to be True or False, 1 or 0, got {value!r}. Name another "
-                "key, or pass a function of the episode as the score."
-            )
-        return float(value), False
+
+    @property
+    def settings(self) -> Any:  # noqa: D102
+        return ["cost", float(self.limit), self.key]
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
+        costs = [info[self.key] for info in episode.infos if self.key in info]
+        if not costs:
+            raise _missing(self, (self.key,), episode.infos[-1], "at any step")
+        for cost in costs:
+            if np.size(cost) != 1 or not is_number(np.asarray(cost).item()):
+                raise UserTypeError(
+                    f"Expected info[{self.key!r}] to be a number, got {cost!r}. Name another key, "
+                    "or pass a function of the episode as the score."
+                )
+        total = float(np.sum(costs))
+        if not np.isfinite(total):
+            reason = f"info[{self.key!r}] is not finite"
+            raise InvalidWorld(f"Expected finite costs, but {reason}.", reason)
+        return min(max(1.0 - total / self.limit, 0.0), 1.0), False
 
 
 @dataclass(frozen=True)
@@ -186,16 +235,47 @@ def as_score(given: Any) -> Score:
         kind, *numbers = given
         if kind == "success" and len(numbers) == 1 and isinstance(numbers[0], str):
             return Success(*numbers)
-        if kind == "return" and len(numbers) == 2:
+        if kind == "failure" and len(numbers) == 1 and isinstance(numbers[0], str):
+            return Failure(*numbers)
+        if kind == "cost" and (
+            len(numbers) == 1 or (len(numbers) == 2 and isinstance(numbers[1], str))
+        ):
+            return Cost(*numbers)
+        if kind == "return" and len(numbers) in (2, 3):
             return Return(*numbers)
         if kind == "length" and len(numbers) == 1:
             return Length(*numbers)
     if callable(given):
         return FunctionScore(given)
     raise UserTypeError(
-        "Expected score to be ('return', low, high), 'success', ('success', key), ('length', "
-        f"maximum) or a function of the episode, got {given!r}."
+        "Expected score to be ('return', low, high), 'success', ('success', key), ('failure', "
+        f"key), ('cost', limit), ('length', maximum) or a function of the episode, got {given!r}."
     )
+
+
+def _missing(score: Score, keys: tuple[str, ...], info: Mapping[str, Any], when: str) -> UserError:
+    wanted = " or ".join(f"info[{key!r}]" for key in keys)
+    listed = ", ".join(repr(str(key)) for key in info) or "none"
+    return UserError(
+        f"Expected {wanted} {when} of an episode for score={score.settings!r}, got the keys "
+        f"{listed}. Name another key, score=('success', 'key'), or pass a function such as "
+        "score=lambda episode: float(episode.terminated)."
+    )
+
+
+def _truth(info: Mapping[str, Any], key: str, what: str) -> bool:
+    value = info[key]
+    if isinstance(value, np.generic | np.ndarray) and value.size == 1:
+        value = value.item()
+    if isinstance(value, float) and np.isnan(value):
+        reason = f"info[{key!r}] is NaN"
+        raise InvalidWorld(f"Expected True or False as {what}, but {reason}.", reason)
+    if not isinstance(value, bool | int | float) or value not in (0, 1):
+        raise UserTypeError(
+            f"Expected info[{key!r}] to be True or False, 1 or 0, got {value!r}. Name another key, "
+            "or pass a function of the episode as the score."
+        )
+    return bool(value)
 
 
 def _is_finite(value: Any) -> bool:

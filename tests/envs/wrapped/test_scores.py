@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from wrapped_toys import cart_pole, pendulum, reach
 
+from sada_gym import GymnasiumApplication
 from sada_gym.envs.wrapped import Episode
 from sada_gym.envs.wrapped.scores import as_score
 
@@ -70,6 +72,95 @@ def test_nothing_but_truth_is_success(value, message):
         as_score("success")(episode([0.0], success=value))
 
 
+def with_infos(*infos):
+    none = (None,) * len(infos)
+    return Episode(np.zeros(len(infos) - 1), none, none[1:], infos, True, False)
+
+
+def test_a_failure_at_any_step_counts():
+    score = as_score(["failure", "crashed"])
+    assert score(with_infos({}, {"crashed": False}, {"crashed": np.False_})) == (1.0, False)
+    assert score(with_infos({}, {"crashed": True}, {"crashed": False})) == (0.0, False)
+    assert score(with_infos({"crashed": 1}, {}, {})) == (0.0, False)
+    assert score.settings == ["failure", "crashed"]
+    with pytest.raises(ValueError, match=r"info\['crashed'\] at any step .* keys 'speed'"):
+        score(with_infos({}, {"speed": 1.0}))
+    with pytest.raises(ValueError, match=r"info\['crashed'\] to be True or False, .* got 'yes'"):
+        score(with_infos({}, {"crashed": "yes"}))
+
+
+def test_costs_of_all_steps_add_up_to_a_limit():
+    score = as_score(("cost", 4))
+    assert score(with_infos({}, {"cost": 0.0}, {})) == (1.0, False)
+    assert score(with_infos({}, {"cost": np.float32(1)}, {"cost": 2})) == (0.25, False)
+    assert score(with_infos({}, {"cost": 9.0})) == (0.0, False)
+    assert as_score(["cost", 2, "price"])(with_infos({}, {"price": 1.0})) == (0.5, False)
+    assert score.settings == ["cost", 4.0, "cost"]
+    with pytest.raises(ValueError, match=r"info\['cost'\] at any step .* keys none"):
+        score(with_infos({}, {}))
+    with pytest.raises(ValueError, match=r"info\['cost'\] to be a number, got 'much'"):
+        score(with_infos({}, {"cost": "much"}))
+    with pytest.raises(ValueError, match="is not finite"):
+        score(with_infos({}, {"cost": np.nan}))
+
+
+class Vector(gym.Env):
+    """Rewards are vectors: the number of the step, and whether the action was 1."""
+
+    observation_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self, weight: float = 1.0) -> None:
+        self.weight = weight
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.steps += 1
+        reward = np.array([self.steps, self.weight * action])
+        return np.zeros(1, np.float32), reward, self.steps == 3, False, {"crashed": self.steps == 2}
+
+
+class Plain(Vector):
+    """Rewards are numbers."""
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, float(reward[0]), *rest
+
+
+def vector(score, environment=Vector):
+    return GymnasiumApplication(
+        environment,
+        agent=lambda observation: 1,
+        agent_id="ones",
+        parameters={"weight": (0.0, 1.0)},
+        score=score,
+        fooling_threshold=0.5,
+        max_steps=5,
+    )
+
+
+def test_an_entry_of_vector_rewards_counts():
+    assert vector(("return", 0, 3, 1)).evaluate([[1.0], [-1.0]], [0, 0]).score.tolist() == [1, 0]
+    assert vector(("return", 0, 12, 0)).evaluate([[1.0]], [0]).score.tolist() == [0.5]
+    for score, message in (
+        (("return", 0, 3), "Choose an entry by score="),
+        (("return", 0, 3, 2), "rewards with an entry 2 from Vector, as score= says, got"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            vector(score).evaluate([[0.0]], [0])
+    with pytest.raises(ValueError, match="rewards with an entry 0"):
+        cart_pole(score=("return", 0, 3, 0)).evaluate([[0.0, 0.0]], [0])
+
+
+def test_a_failure_is_read_from_all_steps_of_an_environment():
+    assert vector(("failure", "crashed"), Plain).evaluate([[0.0]], [0]).score.tolist() == [0.0]
+
+
 def test_length_is_a_share():
     score = as_score(["length", 4])
     assert [score(episode([0.0] * n))[0] for n in (1, 4, 9)] == [0.25, 1.0, 1.0]
@@ -84,6 +175,12 @@ def test_length_is_a_share():
         (("length", 0), "a number of steps"),
         ("sucess", "Expected score to be"),
         (("success", 3), "Expected score to be"),
+        (("failure",), "Expected score to be"),
+        (("failure", 3), "Expected score to be"),
+        (("cost", 0), "with a limit above 0, got 0"),
+        (("cost", 3, 4), "Expected score to be"),
+        (("return", 0, 1, -1), "at least 0, got -1"),
+        (("return", 0, 1, "x"), "a whole number, got 'x'"),
         (("success", "a", "b"), "Expected score to be"),
         (None, "Expected score to be"),
     ],

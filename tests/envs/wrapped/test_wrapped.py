@@ -260,7 +260,9 @@ def test_partial_functions_that_make_other_environments_are_told_apart():
 def test_a_reward_of_several_numbers_gets_the_advice_to_choose_one(on_error):
     """No world is at fault, so that none counts as fooled or invalid."""
     advice = r"Expected one number as a reward from Reach, got .* Choose an entry .* by a wrapper"
-    with pytest.raises(TypeError, match=rf"{advice}.*TransformReward\(env, lambda reward: reward"):
+    with pytest.raises(
+        TypeError, match=rf"{advice}.*TransformReward\(env, lambda reward: reward @ weights"
+    ):
         reach(reward=np.array([1.0, 2.0]), on_error=on_error).evaluate([[0.0]], [0])
 
 
