@@ -34,6 +34,7 @@ from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.names import default_note
+from sada_gym.parameters import all_can_exist
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
@@ -268,7 +269,7 @@ def test_uniform_queries_are_declared_truly(name):
         pass
 
     class FirstOnly:
-        remaining, threshold = 200, 0.3
+        remaining, threshold, permits = 200, 0.3, staticmethod(all_can_exist)
 
         def __call__(self, mu):
             self.first = np.array(mu)

@@ -233,7 +233,8 @@ def test_a_result_prints_as_its_summary(tmp_path):
     assert lines[2].split(None, 1)[0] == "weakness"
     assert weakness.text in lines[2]
     without = run(tmp_path / "b", diagnose=False)
-    assert str(without).splitlines()[2:] == lines[3:-1] + str(without).splitlines()[-1:]
+    told = [line.split(None, 1)[0] for line in str(without).splitlines()]
+    assert not {"weakness", "where"} & {*told}
     assert "uniform worlds        not known" in text
     assert f"novelty               median distance {result.result.novelty.median:.3f} " in text
     assert lines[-1].startswith(

@@ -18,7 +18,7 @@ from sada_gym.envs.wrapped.disturbances import (
     ObservationNoise,
     RepeatedActions,
 )
-from sada_gym.envs.wrapped.forces import Push, Wind
+from sada_gym.envs.wrapped.forces import Force, Push, Wind
 from sada_gym.envs.wrapped.scores import Episode
 from sada_gym.envs.wrapped.validity import mujoco_fault
 
@@ -29,6 +29,7 @@ __all__ = [
     "Attribute",
     "Config",
     "Episode",
+    "Force",
     "Function",
     "GymnasiumApplication",
     "Keyword",

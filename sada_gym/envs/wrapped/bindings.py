@@ -252,7 +252,7 @@ class ParameterBinding(ABC):
     def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:  # noqa: B027
         """Check on one environment of `factory` that it has what the parameter sets."""
 
-    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:  # noqa: B027
+    def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:  # noqa: B027
         """Set the value in `env`, the unwrapped one; called before and right after its reset."""
 
 
@@ -326,7 +326,7 @@ class Config(_Named):
         """Return the entry's value."""
         return _plain(read(env.unwrapped, self._path(name, env.unwrapped.config)))
 
-    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+    def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Write the value into a copy of the configuration before the reset."""
         if after_reset:
             return
@@ -418,7 +418,7 @@ class Attribute(ParameterBinding):
             values += np.ravel(value).tolist() if names_several(path) else [_plain(value)]
         return values[0] if all(value == values[0] for value in values) else None
 
-    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+    def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Set the attributes that exist, and after the reset those that it made or changed."""
         for path in self.targets(name):
             if self.factor:
@@ -459,7 +459,7 @@ class Function(ParameterBinding):
                 "Function(1.0, 2.0, set=set_mass)."
             )
 
-    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+    def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Call the function, before or after the reset."""
         assert self.set is not None
         if after_reset == self.after_reset:

@@ -384,7 +384,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
     def _apply_bindings(self, *, after_reset: bool) -> None:
         for name, binding in self._spec.bindings.items():
             value = self._start.value(name)
-            binding.apply(name, value, self.unwrapped, after_reset=after_reset)
+            binding.set_value(name, value, self.unwrapped, after_reset=after_reset)
         derived = self._spec.derived
         derived.apply(self.unwrapped, self._start.values, after_reset=after_reset)
         targets = [t for name, b in self._spec.bindings.items() for t in b.targets(name)]

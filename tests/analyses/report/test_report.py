@@ -258,7 +258,7 @@ def test_runs_of_any_size_with_and_without_failures(tmp_path, dimension, q):
     assert f"{100 * result.result.afr:.1f} %" in shown.text
     assert len(shown.data[0]["parameters"]) == dimension
     if q == 1.0:
-        assert "No sample fooled the agent." in shown.text
+        assert "No world fooled the agent." in shown.text
 
 
 def test_of_very_many_worlds_some_are_plotted(digits, monkeypatch):

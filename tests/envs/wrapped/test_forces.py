@@ -1,17 +1,20 @@
-"""Tests of wind and pushes on bodies of MuJoCo's and Box2D's."""
+"""Tests of wind and pushes on bodies of MuJoCo's, PyBullet's and Box2D's, and of other forces."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from wrapped_toys import cart_pole
 
-from sada_gym.envs.wrapped import Push, RepeatedActions, Wind
+from sada_gym.envs.wrapped import Force, Push, RepeatedActions, Wind
 
 
 def idle(environment, steps=12):
-    space = gym.make(environment).action_space
+    made = gym.make(environment) if isinstance(environment, str) else environment()
+    space = made.action_space
     action = np.zeros(space.shape) if isinstance(space, gym.spaces.Box) else 0
     return {
         "environment": environment,
@@ -142,7 +145,7 @@ def test_what_is_no_force_gets_a_sentence(box2d, binding, message):
 
 def test_an_environment_without_bodies_gets_a_sentence():
     with pytest.raises(
-        ValueError, match="body of MuJoCo or Box2D of CartPole-v1 for 'w', found none"
+        ValueError, match="body of MuJoCo, PyBullet or Box2D of CartPole-v1 for 'w', found none"
     ):
         cart_pole(parameters={"w": Wind(-1.0, 1.0)})
 
@@ -159,3 +162,112 @@ def test_two_forces_of_the_same_kind_need_two_directions(box2d):
         cart_pole(**idle("LunarLander-v3"), parameters={"a": Wind(0.0, 1.0), "b": Wind(0.0, 2.0)})
     both = {"a": Wind(0.0, 1.0), "b": Wind(0.0, 1.0, direction=(0.0, 1.0))}
     assert len(cart_pole(**idle("LunarLander-v3"), parameters=both).parameters) == 2
+
+
+class Ball(gym.Env):
+    """A ball of 2 kg in PyBullet, without gravity; a step is four of the simulator's."""
+
+    observation_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+    action_space = gym.spaces.Discrete(1)
+
+    def __init__(self, fixed=False):
+        import pybullet
+        from pybullet_utils.bullet_client import BulletClient
+
+        self.client, self.fixed = BulletClient(pybullet.DIRECT), fixed
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.client.resetSimulation()
+        shape = self.client.createCollisionShape(2, radius=0.1)
+        self.ball = self.client.createMultiBody(
+            0.0 if self.fixed else 2.0, shape, basePosition=[0, 0, 1]
+        )
+        self.client.changeDynamics(self.ball, -1, linearDamping=0, angularDamping=0)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        for _ in range(4):
+            self.client.stepSimulation()
+        return np.zeros(1, np.float32), 0.0, False, False, {}
+
+    def close(self):
+        self.client.disconnect()
+
+
+def velocity(world):
+    return np.array(world.client.getBaseVelocity(world.ball)[0])
+
+
+@pytest.mark.parametrize("direction", [None, (0, 0, 3)])
+def test_a_force_acts_in_all_steps_of_pybullet(direction):
+    push = Push(0.0, 12.0, start=1, steps=2, direction=direction)
+    seen = run(Ball, at=[1.0], look=velocity, steps=5, push=push)
+    gained = np.diff(seen, axis=0) @ ((1, 0, 0) if direction is None else (0, 0, 1))
+    assert gained == pytest.approx([0, 6 * 4 / 240, 6 * 4 / 240, 0, 0], abs=1e-6)
+    both = {"a": Wind(0.0, 4.0), "b": Wind(0.0, 8.0, direction=(0, 1, 0))}
+    seen = run(Ball, at=[1.0, 1.0], look=velocity, steps=3, **both)
+    assert seen[-1] == pytest.approx([2 * 12 / 240, 4 * 12 / 240, 0], abs=1e-6)
+
+
+def test_a_fixed_body_of_pybullet_is_none_to_push():
+    with pytest.raises(ValueError, match="that is not fixed, got none"):
+        cart_pole(
+            **idle(partial(Ball, fixed=True)),
+            parameters={"w": Wind(0.0, 1.0)},
+        )
+
+
+def test_links_and_bodies_of_panda_gym_have_names():
+    pytest.importorskip("panda_gym", reason="panda-gym is not installed")
+    make = "panda_gym:PandaPush-v3"
+    place = run(make, at=[0.0], look=_object, steps=8, w=Wind(-9.0, 9.0, body="object"))
+    moved = run(make, at=[1.0], look=_object, steps=8, w=Wind(-9.0, 9.0, body="object"))
+    assert moved[-1, 0] > place[-1, 0] + 0.01
+    with pytest.raises(ValueError, match=r"panda_hand.*Did you mean object"):
+        cart_pole(**idle(make), parameters={"w": Wind(0.0, 1.0, body="objekt")})
+
+
+def _object(world):
+    return world.sim.get_base_position("object")
+
+
+def blow(world, strength):
+    world.wind_mag = strength
+    return lambda: setattr(world, "wind_mag", 0.0)
+
+
+def fail(world, strength):
+    raise RuntimeError("no wind today")
+
+
+def test_a_function_of_ones_own_is_a_force():
+    class Sled(gym.Env):
+        observation_space = Ball.observation_space
+        action_space = Ball.action_space
+
+        def reset(self, *, seed=None, options=None):
+            super().reset(seed=seed)
+            self.wind_mag, self.speed = 0.0, 0.0
+            return np.zeros(1, np.float32), {}
+
+        def step(self, action):
+            self.speed += self.wind_mag
+            return np.zeros(1, np.float32), 0.0, False, False, {}
+
+    def look(world):
+        return world.speed
+
+    assert run(Sled, at=[1.0], look=look, steps=3, w=Force(0.0, 2.0, apply=blow)).tolist() == [
+        *(0, 2, 4, 6)
+    ]
+    push = Force(0.0, 2.0, apply=blow, start=1, steps=1)
+    assert run(Sled, at=[1.0], look=look, steps=3, w=push).tolist() == [0, 0, 2, 2]
+    with pytest.raises(ValueError, match=r"to let a force of .* act, got RuntimeError: no wind"):
+        cart_pole(
+            **idle(Sled), parameters={"w": Force(0.0, 2.0, apply=fail)}, on_error="raise"
+        ).evaluate([[1.0]], [0])
+    with pytest.raises(TypeError, match=r"a function apply\(env, strength\) for 'w', got None"):
+        cart_pole(**idle(Sled), parameters={"w": Force(0.0, 2.0)})
+    with pytest.raises(ValueError, match="steps of 'w' of at least 1"):
+        cart_pole(**idle(Sled), parameters={"w": Force(0.0, 2.0, apply=blow, start=1, steps=0)})
