@@ -18,6 +18,7 @@ from sada_gym.envs.detection.shapes import (
     triangles,
 )
 from sada_gym.envs.detection.shapes.cad import load_folder
+from sada_gym.envs.detection.shapes.mesh_file import read_mesh
 from sada_gym.errors import UserError
 
 SIZE = np.array([1.0, 2.0, 3.0])
@@ -119,6 +120,30 @@ def test_windings_are_made_outward_and_consistent(tmp_path: Path) -> None:
     (shape,) = load_folder(tmp_path)["car"]
     outward = shape.vertices - [0, 0, shape.height / 2]
     assert (np.einsum("vi,vi->v", outward, shape.normals) > 0).all()
+
+
+def test_bodies_that_touch_in_an_edge_are_each_turned_outward(tmp_path: Path) -> None:
+    """Four faces meet in that edge; an open sheet and a strip without two sides stay whole."""
+    boxes = [trimesh.creation.box(extents=[1, 1, 1]) for _ in range(2)]
+    boxes[1].vertices += [1, 1, 0]
+    boxes[1].faces = boxes[1].faces[:, ::-1]
+    sheet = trimesh.Trimesh([[5, 0, 0], [6, 0, 0], [6, 1, 0]], [[0, 1, 2]])
+    half = np.repeat(np.linspace(0, np.pi, 9)[:-1], 2)
+    across = 1 + 0.4 * np.tile([-1, 1], 8) * np.cos(half)
+    strip = np.stack([across * np.cos(2 * half), across * np.sin(2 * half)], 1)
+    strip = np.column_stack([strip, 3 + 0.4 * np.tile([-1, 1], 8) * np.sin(half)])
+    following = [2 * k + 2 + j if k < 7 else 1 - j for k in range(8) for j in (0, 1)]
+    faces = [[2 * k, following[2 * k], 2 * k + 1] for k in range(8)]
+    faces += [[2 * k + 1, following[2 * k], following[2 * k + 1]] for k in range(8)]
+    moebius = trimesh.Trimesh(strip, faces, process=False)
+    trimesh.util.concatenate([*boxes, sheet, moebius]).export(tmp_path / "all.stl")
+    mesh = read_mesh(tmp_path / "all.stl")
+    assert len(mesh.faces) == 12 + 12 + 1 + 16
+    corners = mesh.vertices[mesh.faces]
+    for box, faces in zip(boxes, (slice(0, 12), slice(12, 24)), strict=True):
+        a, b, c = corners[faces].swapaxes(0, 1)
+        outward = corners[faces].mean(axis=1) - box.vertices.mean(axis=0)
+        assert (np.einsum("fi,fi->f", np.cross(b - a, c - a), outward) > 0).all()
 
 
 def test_nested_files_and_companions_are_as_shapenet_has_them(tmp_path: Path) -> None:
@@ -313,9 +338,6 @@ def test_a_file_reads_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return file.read()
 
     monkeypatch.setattr(Path, "read_bytes", note)
-    monkeypatch.setattr(
-        trimesh.resolvers.FilePathResolver, "get", lambda self, name: opened.append(name)
-    )
     for name, uri in (("a", "../../outside.bin"), ("b", str(outside)), ("c", outside.as_uri())):
         (folder / f"{name}.glb").write_bytes(_glb({"uri": uri}))
     (folder / "good.obj").write_text(f"mtllib ../../outside.bin\nmtllib {outside}\n" + TETRAHEDRON)
@@ -355,7 +377,6 @@ def test_a_mesh_in_many_places_is_counted_before_it_is_laid_out(
 ) -> None:
     """A few hundred kilobytes that would become 100 million faces."""
     monkeypatch.setattr(triangles, "MAX_FACES", 3_999)
-    monkeypatch.setattr(trimesh.Scene, "dump", None)
     (tmp_path / "car").mkdir()
     nodes = [{"children": list(range(1, 1_001))}, *[{"mesh": 0}] * 1_000]
     (tmp_path / "car" / "copies.glb").write_bytes(_glb({}, nodes))

@@ -177,6 +177,23 @@ PLY = [
         form="binary_little_endian",
     ),
     _ply(
+        "several lists in a row",
+        f"{VERTEX}element face 2\nproperty list char short skipped\n{LIST}property uchar k\n",
+        CORNERS[:4].astype("<f4").tobytes()
+        + struct.pack("<bB3iB", 0, 3, 0, 1, 2, 7)
+        + struct.pack("<b2hB4iB", 2, -1, -1, 4, 0, 1, 2, 3, 7),
+        3,
+        9,
+        form="binary_little_endian",
+    ),
+    _ply(
+        "lists of less than no items",
+        f"{VERTEX}element face 1\nproperty list char int vertex_indices\n",
+        _packed("<", "i1", "i4", [[0, 1, 2]]).replace(b"\x03", b"\xff", 1) + bytes(9),
+        refusal="ends within its rows",
+        form="binary_little_endian",
+    ),
+    _ply(
         "concave polygons",
         f"element vertex 4\n{XYZ}element face 1\n{LIST}",
         "0 0 0 2 2 0 4 0 0 2 1 0\n4 0 3 2 1\n",
@@ -489,7 +506,9 @@ def test_each_feature_is_read_or_refused(tmp_path: Path, case: Case) -> None:
         warnings.simplefilter("error")
         mesh = read_mesh(file)
     assert len(mesh.faces) == case.faces
-    assert mesh.area == pytest.approx(case.area, rel=1e-3)
+    a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(case.area, rel=1e-3)
 
 
 def test_the_page_has_a_row_for_each_case() -> None:

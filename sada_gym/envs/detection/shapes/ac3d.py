@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.detection.shapes.companions import Companions
 from sada_gym.envs.detection.shapes.surface import Surface
-from sada_gym.envs.detection.shapes.triangles import Triangles, check_count, look, triangulate
+from sada_gym.envs.detection.shapes.triangles import Triangles, check_corners, look, triangulate
 from sada_gym.errors import UserError
 from sada_gym.foundations.files import shown
 
@@ -176,12 +176,10 @@ def _read_surface(
 def _joined(parts: _Parts, materials: list[Surface], companions: Companions) -> Triangles:
     points = np.concatenate([np.empty((0, 3)), *parts.points])
     corners = np.array(parts.corners, np.int64)
-    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
-        raise UserError("faces that point at missing vertices")
+    check_corners(corners, len(points))
     if not all(0 <= material < len(materials) for material, _ in parts.used):
         raise UserError("faces that point at missing materials")
     sizes = np.array(parts.sizes, np.int64)
-    check_count(int((sizes - 2).clip(0).sum()))
     places, polygon = triangulate(points, corners, sizes)
     surfaces = tuple(
         replace(materials[material], texture=companions.texture(texture) if texture else None)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape, Surface
-from sada_gym.envs.detection.shapes.triangles import Triangles
+from sada_gym.envs.detection.shapes.triangles import Triangles, components, equal_rows
 from sada_gym.errors import UserError
 from sada_gym.foundations.files import shown
 
@@ -24,12 +24,12 @@ _Indices = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A closed mesh of one material.
+    """A closed mesh of one material, such as `Triangles` or a mesh of trimesh.
 
     Its vertices (v, 3) are in metres, its faces (f, 3) counter-clockwise seen from outside.
     """
 
-    mesh: trimesh.Trimesh
+    mesh: Any
     material: Material = Material.PAINT
 
 
@@ -116,7 +116,7 @@ def _shape(
     columns = [placed, normals] if uv is None else [placed, normals, uv]
     rows = np.concatenate(columns, axis=2).reshape(3 * len(corners), -1).astype(np.float32)
     # Vertices are shared only within one material, so that a renderer may split by material.
-    first, inverse = _same(np.column_stack([rows, np.repeat(material, 3)]), 5)
+    first, inverse = equal_rows(np.column_stack([rows, np.repeat(material, 3)]), 5)
     vertices = rows[first]
     length = np.linalg.norm(vertices[:, 3:6], axis=1, keepdims=True)
     return Shape(
@@ -137,7 +137,7 @@ def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices,
     part = np.zeros(len(points))
     part[faces.ravel()] = np.repeat(owner, 3)
     span = float(np.ptp(points, axis=0).max()) or 1.0
-    first, same = _same(np.column_stack([points / span, part]), 7)
+    first, same = equal_rows(np.column_stack([points / span, part]), 7)
     faces = first[same][faces]
     doubled = _doubled_areas(points[faces])
     kept = np.flatnonzero(np.linalg.norm(doubled, axis=1) > 1e-10 * span**2)
@@ -147,17 +147,6 @@ def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices,
 def _doubled_areas(corners: _Array) -> _Array:
     """Return the normals of faces with corners (f, 3, 3), as long as twice their area."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
-def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
-    """Return the first of each kind of row, rounded, and for each row the number of its kind."""
-    keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)  # -0 becomes 0
-    order = np.lexsort(keys.T)
-    new = np.ones(len(rows), bool)
-    new[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
-    kind = np.empty(len(rows), np.int64)
-    kind[order] = np.cumsum(new) - 1
-    return order[new], kind
 
 
 def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
@@ -190,8 +179,7 @@ def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
     turn = np.einsum("ei,ei->e", normals[a[:, 0] // 3], normals[b[:, 0] // 3])
     smooth = turn > np.cos(np.radians(CREASE_DEG))
     pairs = np.column_stack([a[smooth].ravel(), b[smooth].ravel()])
-    labels = trimesh.graph.connected_component_labels(pairs, node_count=3 * count)  # type: ignore[no-untyped-call]
-    return np.asarray(labels, np.int64)
+    return components(pairs, 3 * count)
 
 
 def _corner_angles(soup: _Array) -> _Array:

@@ -118,7 +118,7 @@ def _load_shape(
         textured = read_textured(file, root)
         return assemble_textured(name, object_class, textured, rotation, settings.paint)
     mesh = read_mesh(file)
-    mesh.vertices = mesh.vertices @ rotation.T
+    mesh = replace(mesh, vertices=mesh.vertices @ rotation.T)
     try:
         shape = assemble(name, object_class, [Part(mesh)])
     except UserError as error:  # all else was checked on reading

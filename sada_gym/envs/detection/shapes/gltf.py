@@ -5,16 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from sada_gym.envs.detection.shapes.companions import Companions
 from sada_gym.envs.detection.shapes.gltf_file import GltfFile, Json
 from sada_gym.envs.detection.shapes.gltf_material import Materials
-from sada_gym.envs.detection.shapes.triangles import Indices, Points, Triangles, check_count
+from sada_gym.envs.detection.shapes.triangles import (
+    Indices,
+    Points,
+    Triangles,
+    check_corners,
+    check_count,
+)
 from sada_gym.errors import UserError
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _IDENTITY = np.eye(4)
+_LEAST = 4 * np.finfo(float).eps
+"""A shorter quaternion turns nothing."""
 
 
 def read_gltf(content: bytes, companions: Companions | None = None) -> Triangles:
@@ -43,8 +50,7 @@ def read_gltf(content: bytes, companions: Companions | None = None) -> Triangles
                 places = [world[index] @ place for place in places]
             for place in places:
                 mirrored = np.linalg.det(place[:3, :3]) < 0
-                near = np.allclose(place, _IDENTITY, atol=1e-8)
-                vertices.append(points if near else trimesh.transform_points(points, place))
+                vertices.append(_moved(points, place))
                 faces.append((corners[:, ::-1] if mirrored else corners) + start)
                 start += len(points)
                 if materials is not None:
@@ -98,10 +104,21 @@ def _matrix(node: Json) -> Points:
 
 def _placed(translation: Any, rotation: Any, scale: Any) -> Points:
     x, y, z, w = map(float, rotation)
-    matrix = np.array(trimesh.transformations.quaternion_matrix([w, x, y, z]))  # type: ignore[no-untyped-call]
+    matrix, size = np.eye(4), w * w + x * x + y * y + z * z
+    if size > _LEAST:
+        x, y, z, w = np.array([x, y, z, w]) * np.sqrt(2.0 / size)
+        matrix[0, :3] = 1.0 - y * y - z * z, x * y - z * w, x * z + y * w
+        matrix[1, :3] = x * y + z * w, 1.0 - x * x - z * z, y * z - x * w
+        matrix[2, :3] = x * z - y * w, y * z + x * w, 1.0 - x * x - y * y
     matrix[:3, :3] *= np.asarray(scale, float)
     matrix[:3, 3] = translation
     return matrix
+
+
+def _moved(points: Points, place: Points) -> Points:
+    if not len(points) or np.allclose(place, _IDENTITY, atol=1e-8):
+        return points
+    return np.asarray((place @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3])
 
 
 def _instances(file: GltfFile, node: Json) -> list[Points]:
@@ -160,8 +177,7 @@ def _faces(file: GltfFile, primitive: Json) -> Indices:
         corners = values[:, 0].astype(np.int64)
     else:
         corners = np.arange(count)
-    if len(corners) and corners.max() >= count:
-        raise UserError("faces that point at missing vertices")
+    check_corners(corners, count)
     mode = primitive.get("mode", _TRIANGLES)
     if mode == _TRIANGLES:
         if len(corners) % 3:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from sada_gym.envs.detection.shapes.companions import MAX_BYTES, Companions
 from sada_gym.envs.detection.shapes.gltf import read_gltf
@@ -16,7 +15,7 @@ from sada_gym.envs.detection.shapes.obj import read_obj
 from sada_gym.envs.detection.shapes.ply import read_ply
 from sada_gym.envs.detection.shapes.stl import read_stl
 from sada_gym.envs.detection.shapes.surface import Surface
-from sada_gym.envs.detection.shapes.triangles import Triangles, as_text, check_count
+from sada_gym.envs.detection.shapes.triangles import Triangles, as_text, check_count, wound
 from sada_gym.errors import UserError
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl", ".gltf")
@@ -26,18 +25,14 @@ MAX_COORDINATE = 1e9
 """Vertices within 1e-8 are merged; from 1e10 on numbers are coarser than that."""
 
 
-def read_mesh(file: Path) -> trimesh.Trimesh:
-    """Read a file as one mesh with consistent windings.
+def read_mesh(file: Path) -> Triangles:
+    """Read a file as one mesh with consistent windings, see `wound`.
 
     Raises:
         UserError: If the file cannot be used; the message says what it holds instead of a mesh.
     """
     with _mesh_errors():
-        triangles = _read(file)
-        mesh = trimesh.Trimesh(triangles.vertices, triangles.faces, process=False)
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
-        return mesh
+        return wound(_read(file))
 
 
 def read_textured(file: Path, folder: Path) -> Triangles:

@@ -71,10 +71,7 @@ def read_obj(text: str, companions: Companions | None = None) -> Triangles:
     said = _statements(text)
     points = np.array(said.positions).reshape(-1, 3)
     corners = np.array(said.vertices, np.int64)
-    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
-        raise UserError("faces that point at missing vertices")
     sizes, material = np.array(said.sizes, np.int64), np.array(said.materials, np.int64)
-    check_count(int((sizes - 2).clip(0).sum()))
     places, polygon = triangulate(points, corners, sizes)
     order = _order(polygon, sizes, np.array(said.words, np.int64), material)
     places, surface = places[order], material[polygon[order]]

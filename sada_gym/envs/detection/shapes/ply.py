@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +34,7 @@ _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 @dataclass
-class _List:
+class _Ragged:
     """A property that holds a list in each row: its values one after another, and their numbers."""
 
     sizes: Indices
@@ -47,7 +49,7 @@ class _Element:
     """Of each property: the type of a list's length, empty where it is no list, and of a value."""
 
 
-_Columns = Mapping[str, "npt.NDArray[np.float64] | _List"]
+_Columns = Mapping[str, "npt.NDArray[np.float64] | _Ragged"]
 
 
 def read_ply(content: bytes, companions: Companions | None = None) -> Triangles:
@@ -67,8 +69,8 @@ def read_ply(content: bytes, companions: Companions | None = None) -> Triangles:
             check_count(element.count)
         elif element.name == "tristrips" and element.count:
             raise UserError("strips of triangles (tristrips): export faces")
-    read = _Binary(body, order) if order else _Ascii(body)
-    columns = {element.name: read.element(element) for element in elements}
+    rows = _Body(body, order)
+    columns = {element.name: rows.element(element) for element in elements}
     return _triangles(columns, textures, companions)
 
 
@@ -96,127 +98,80 @@ def _header(text: str) -> tuple[str, list[_Element], list[str]]:
     return order, elements, textures
 
 
-class _Ascii:
-    """Reads elements out of a text, one row after another."""
-
-    def __init__(self, body: bytes) -> None:
-        self._words = body.split()
-        self._at = 0
-
-    def element(self, element: _Element) -> _Columns:
-        count, types = element.count, element.types
-        if count * len(types) > len(self._words) - self._at:
-            raise UserError(f"a file that ends before its {count:,} rows of {shown(element.name)}")
-        scalars: dict[str, list[bytes]] = {
-            name: [] for name, (size, _) in types.items() if not size
-        }
-        if len(scalars) == len(types):
-            block = self._take(count * len(types))
-            return {
-                name: _numbers(block[i :: len(types)], types[name][1])
-                for i, name in enumerate(types)
-            }
-        lists: dict[str, tuple[list[int], list[bytes]]] = {
-            name: ([], []) for name, (size, _) in types.items() if size
-        }
-        for _ in range(count):
-            for name in types:
-                if name in scalars:
-                    scalars[name] += self._take(1)
-                else:
-                    size = int(self._take(1)[0])
-                    lists[name][0].append(size)
-                    lists[name][1].extend(self._take(size))
-        return {
-            name: _numbers(scalars[name], value)
-            if name in scalars
-            else _List(np.array(lists[name][0], np.int64), _numbers(lists[name][1], value))
-            for name, (_, value) in types.items()
-        }
-
-    def _take(self, count: int) -> list[bytes]:
-        taken = self._words[self._at : self._at + count]
-        if len(taken) != count or count < 0:
-            raise UserError("a file that ends within its rows")
-        self._at += count
-        return taken
-
-
-class _Binary:
-    """Reads elements out of bytes, one row after another."""
+class _Body:
+    """Reads elements one after another: out of words, or of bytes of an order, `<` or `>`."""
 
     def __init__(self, body: bytes, order: str) -> None:
-        self._body, self._order = body, order
+        self._order = order
+        self._content: Any = body if order else body.split()
         self._at = 0
 
     def element(self, element: _Element) -> _Columns:
-        types = element.types
-        lists = [name for name in types if types[name][0]]
-        sizes = {name: self._first_size(types, name) if element.count else 0 for name in lists}
-        rows = self._uniform(element, sizes)
-        if rows is None:
-            return self._ragged(element)
-        self._at += rows.nbytes
+        types, width = element.types, self._width
+        least = sum(width(length or value) for length, value in types.values())
+        if element.count * least > len(self._content) - self._at:
+            name = shown(element.name)
+            raise UserError(f"a file that ends before its {element.count:,} rows of {name}")
+        if any(length for length, _ in types.values()):
+            starts, sizes = self._walk(element)
+        else:
+            starts, sizes = {}, dict.fromkeys(types, np.ones(element.count, np.int64))
+            rows = self._at + least * np.arange(element.count)
+            for name, (_, value) in types.items():
+                starts[name], rows = rows, rows + width(value)
+            self._at += least * element.count
+        columns = {name: self._values(types[name][1], starts[name], sizes[name]) for name in types}
         return {
-            name: _List(np.full(len(rows), sizes[name]), rows[name].astype(float).ravel())
-            if name in sizes
-            else rows[name].astype(float)
-            for name in types
+            name: _Ragged(sizes[name], column) if types[name][0] else column
+            for name, column in columns.items()
         }
 
-    def _uniform(self, element: _Element, sizes: Mapping[str, int]) -> npt.NDArray[np.void] | None:
-        """Read rows whose lists are as long as the first row's; None where others come."""
-        fields: list[tuple[str, str] | tuple[str, str, int]] = []
-        for name, (length, value) in element.types.items():
-            if length:
-                fields += [(f"{name} size", self._order + length)]
-                fields += [(name, self._order + value, sizes[name])]
-            else:
-                fields += [(name, self._order + value)]
-        dtype = np.dtype(fields)
-        if dtype.itemsize * element.count > len(self._body) - self._at:
-            if sizes:
-                return None  # some row may be shorter
-            raise UserError(
-                f"a file that ends before its {element.count:,} rows of {shown(element.name)}"
-            )
-        rows = np.frombuffer(self._body, dtype, element.count, self._at)
-        same = all((rows[f"{name} size"] == size).all() for name, size in sizes.items())
-        return rows if same else None
-
-    def _first_size(self, types: Mapping[str, tuple[str, str]], wanted: str) -> int:
-        at = self._at
-        for name, (length, value) in types.items():
-            size = int(self._values(length, at, 1)[0]) if length else 1
-            if name == wanted:
-                return size
-            at += np.dtype(value).itemsize * size + (np.dtype(length).itemsize if length else 0)
-        raise AssertionError
-
-    def _values(self, kind: str, at: int, count: int) -> npt.NDArray[np.float64]:
-        dtype = np.dtype(self._order + kind)
-        if count < 0 or at + count * dtype.itemsize > len(self._body):
-            raise UserError("a file that ends within its rows")
-        return np.frombuffer(self._body, dtype, count, at).astype(float)
-
-    def _ragged(self, element: _Element) -> _Columns:
-        values: dict[str, list[npt.NDArray[np.float64]]] = {name: [] for name in element.types}
+    def _walk(self, element: _Element) -> tuple[dict[str, Indices], dict[str, Indices]]:
+        """Find where each row's values start, and how long its lists are, which the rows say."""
+        width = self._width
+        starts: dict[str, list[int]] = {name: [] for name in element.types}
+        sizes: dict[str, list[int]] = {name: [] for name in element.types}
+        fields = [
+            (starts[name].append, sizes[name].append, length, self._number(length), width(value))
+            for name, (length, value) in element.types.items()
+        ]
+        at, end = self._at, len(self._content)
         for _ in range(element.count):
-            for name, (length, value) in element.types.items():
-                size = 1
+            for start, size, length, number, step in fields:
+                items = 1
                 if length:
-                    size = int(self._values(length, self._at, 1)[0])
-                    self._at += np.dtype(length).itemsize
-                values[name].append(self._values(value, self._at, size))
-                self._at += np.dtype(value).itemsize * size
-        empty = np.empty(0)
-        return {
-            name: _List(np.array([len(v) for v in values[name]], np.int64), joined)
-            if length
-            else joined
-            for name, (length, _) in element.types.items()
-            for joined in [np.concatenate([empty, *values[name]])]
-        }
+                    if at + width(length) > end or (items := number(at)) < 0:
+                        raise UserError("a file that ends within its rows")
+                    at += width(length)
+                start(at)
+                size(items)
+                at += items * step
+        if at > end:
+            raise UserError("a file that ends within its rows")
+        self._at = at
+        found = [
+            {name: np.array(n, np.int64) for name, n in part.items()} for part in (starts, sizes)
+        ]
+        return found[0], found[1]
+
+    def _width(self, kind: str) -> int:
+        return 0 if not kind else np.dtype(kind).itemsize if self._order else 1
+
+    def _number(self, kind: str) -> Callable[[int], int]:
+        """Return what reads a number of a type at a place."""
+        if not kind or not self._order:
+            return lambda at: int(self._content[at])
+        unpack = struct.Struct(self._order + np.dtype(kind).char).unpack_from
+        return lambda at: int(unpack(self._content, at)[0])
+
+    def _values(self, kind: str, starts: Indices, sizes: Indices) -> npt.NDArray[np.float64]:
+        first = starts - self._width(kind) * (np.cumsum(sizes) - sizes)
+        places = np.repeat(first, sizes) + self._width(kind) * np.arange(sizes.sum())
+        if not self._order:
+            return _numbers([self._content[place] for place in places.tolist()], kind)
+        content = np.frombuffer(self._content, np.uint8)
+        bits = content[places[:, None] + np.arange(self._width(kind))]
+        return np.asarray(bits.view(self._order + kind)[:, 0], float)
 
 
 def _numbers(words: list[bytes], kind: str) -> npt.NDArray[np.float64]:
@@ -237,14 +192,11 @@ def _triangles(
     if polygons is None:
         return Triangles(np.empty((0, 3)), np.empty((0, 3), np.int64), None, np.empty(0, np.int64))
     points = _table(axes)
-    if not isinstance(polygons, _List) or points is None:
+    if not isinstance(polygons, _Ragged) or points is None:
         raise UserError("vertices without x, y and z, or faces without a list of vertices")
     corners = polygons.values.astype(np.int64)
-    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
-        raise UserError("faces that point at missing vertices")
     if (corners != polygons.values).any():
         raise UserError("indices that are not whole numbers")
-    check_count(int((polygons.sizes - 2).clip(0).sum()))
     places, polygon = triangulate(points, corners, polygons.sizes)
     order = _order(polygon, polygons.sizes)
     places, polygon = places[order], polygon[order]
@@ -278,7 +230,7 @@ def _texture_coordinates(
 ) -> Points | None:
     """Return uv, (f, 3, 2), of the corners' own lists or of the vertices; None without any."""
     own = face.get("texcoord")
-    if isinstance(own, _List):
+    if isinstance(own, _Ragged):
         if (own.sizes != 2 * sizes).any():
             raise UserError("faces whose texcoord has not two numbers a corner")
         return own.values.reshape(-1, 2)[places]
@@ -289,7 +241,7 @@ def _texture_coordinates(
     return None
 
 
-def _table(columns: Sequence[npt.NDArray[np.float64] | _List | None]) -> Points | None:
+def _table(columns: Sequence[npt.NDArray[np.float64] | _Ragged | None]) -> Points | None:
     """Put columns side by side; None if one is missing or a list."""
     arrays = [column for column in columns if isinstance(column, np.ndarray)]
     return np.column_stack(arrays) if len(arrays) == len(columns) else None

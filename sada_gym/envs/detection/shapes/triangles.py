@@ -1,12 +1,14 @@
-"""What the readers of mesh files return, and how their polygons become triangles."""
+"""What the readers of mesh files return, how polygons become triangles, and how these turn."""
 
 from __future__ import annotations
 
 import codecs
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sada_gym.envs.detection.shapes.surface import Material, Surface
 from sada_gym.errors import UserError
@@ -63,8 +65,16 @@ def check_count(faces: int) -> None:
         )
 
 
+def check_corners(corners: Indices, vertices: int) -> None:
+    """Raise `UserError` if faces have corners that are none of the vertices."""
+    if len(corners) and not 0 <= corners.min() <= corners.max() < vertices:
+        raise UserError("faces that point at missing vertices")
+
+
 def triangulate(points: Points, corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
     """Cut polygons into triangles: a fan from the first corner, or ears where a fan would not fit.
+
+    It raises `UserError` for too many triangles, and for corners that are no vertices.
 
     Args:
         points: The vertices, (v, 3).
@@ -74,6 +84,8 @@ def triangulate(points: Points, corners: Indices, sizes: Indices) -> tuple[Indic
     Returns:
         The places in `corners` of each triangle's corners, (f, 3), and its polygon, (f,), sorted.
     """
+    check_corners(corners, len(points))
+    check_count(int((sizes - 2).clip(0).sum()))
     starts = np.cumsum(sizes) - sizes
     triangles, owners = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     for size in np.unique(sizes[sizes >= 3]).tolist():
@@ -142,3 +154,62 @@ def _is_ear(flat: Points, left: list[int], i: int) -> bool:
 def _turn(a: Points, b: Points, c: Points) -> Points:
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
+
+
+def equal_rows(rows: Points, decimals: int) -> tuple[Indices, Indices]:
+    """Return the first of each kind of row, rounded, and for each row the number of its kind."""
+    keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)  # -0 becomes 0
+    order = np.lexsort(keys.T)
+    new = np.ones(len(rows), bool)
+    new[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    kind = np.empty(len(rows), np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind
+
+
+def components(pairs: Indices, count: int) -> Indices:
+    """Number the connected parts of a graph of `count` nodes by their first ones; pairs (p, 2)."""
+    graph = coo_array((np.ones(len(pairs), bool), pairs.T), (count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def wound(mesh: Triangles) -> Triangles:
+    """Merge vertices within 1e-8; turn faces like their neighbours, and closed bodies outward."""
+    first, kind = equal_rows(mesh.vertices, 8)
+    used, corners = np.unique(first[kind][mesh.faces], return_inverse=True)
+    points, faces = mesh.vertices[used], corners.reshape(-1, 3)
+    count = len(faces)
+    edges, ends = _edges(faces)
+    a, b = _pairs(ends).T
+    a, b = a[a // 3 != b // 3], b[a // 3 != b // 3]
+    # each face is there twice, as it is and turned; neighbours that run along an edge in the same
+    # direction agree if one of them is turned
+    other = b // 3 + np.where(edges[a, 0] == edges[b, 0], count, 0)
+    sides = np.stack([np.append(a // 3, a // 3 + count), np.append(other, (other + count))], 1)
+    side = components(sides % (2 * count), 2 * count).reshape(2, -1)
+    turned, body = side[1] < side[0], side.min(axis=0)
+    faces[turned] = faces[turned, ::-1]
+    edges, ends = _edges(faces)
+    a, b = _pairs(np.column_stack([np.repeat(body, 3), ends])).T
+    matched = np.bincount(body[a[edges[a, 0] != edges[b, 0]] // 3], minlength=2 * count)
+    p, q, r = points[faces].swapaxes(0, 1)
+    volume = np.bincount(body, np.einsum("fi,fi->f", p, np.cross(q, r)), 2 * count)
+    closed = 2 * matched == 3 * np.bincount(body, minlength=2 * count)
+    inside_out = (closed & (volume < 0))[body]
+    faces[inside_out] = faces[inside_out, ::-1]
+    return replace(mesh, vertices=points, faces=faces)
+
+
+def _edges(faces: Indices) -> tuple[Indices, Indices]:
+    """Return the edges of faces, (3 f, 2), from vertex to vertex, and with the lower one first."""
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    return edges, np.sort(edges, axis=1)
+
+
+def _pairs(keys: Indices) -> Indices:
+    """Return the pairs, (p, 2), of those rows that are there exactly twice."""
+    order = np.lexsort(keys.T)
+    same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
+    after, before = np.append(same, False), np.append(False, same)
+    first = np.flatnonzero(after[:-1] & ~before[:-1] & ~after[1:])
+    return np.stack([order[first], order[first + 1]], axis=1)
