@@ -16,7 +16,7 @@ from leaderboard.board_tables import (
 )
 from sada_gym.board.benchmark.results import Comparison, Results, results_of
 from sada_gym.board.results.entry import Entry, EntryResult
-from sada_gym.board.results.front import Chart, make_chart
+from sada_gym.board.results.front import FrontChart, make_chart
 from sada_gym.board.results.models import Tier
 from sada_gym.board.results.rows import Row
 from sada_gym.board.results.sheet import Sheet
@@ -43,7 +43,7 @@ class Ranking:
     open: bool
 
     @cached_property
-    def chart(self) -> Chart | None:
+    def chart(self) -> FrontChart | None:
         """The chart of AFR against coverage; None where fewer than two entries have both."""
         return make_chart(self.rows, f"Attack fooling rate against coverage, {self.tier}")
 

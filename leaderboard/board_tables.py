@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sada_gym import agents
 from sada_gym.board.benchmark.results import Comparison, Results
+from sada_gym.board.benchmark.suite import default_agent
 from sada_gym.board.results import paper
 from sada_gym.board.results.columns import row_cells, row_columns
 from sada_gym.board.results.entry import Entry, EntryResult
@@ -101,7 +101,7 @@ def ranking_sheets(
         )
         for row in rows
     ]
-    if comparison.table.name == PAPER_BUDGETS and comparison.agent == _default_agent(card):
+    if comparison.table.name == PAPER_BUDGETS and comparison.agent == default_agent(card.name):
         lines += _paper(tracks)
     lines += _uniform(comparison.agent, tracks, entries)
     name = f"{slug(card.page)}.{comparison.name}.{tier}"
@@ -118,12 +118,8 @@ def paper_sheet(card: ApplicationCard) -> Sheet | None:
     lines = list(_paper(card.board_tracks))
     if not lines:
         return None
-    lines += _uniform(_default_agent(card), card.board_tracks)
+    lines += _uniform(default_agent(card.name), card.board_tracks)
     return _by_track(f"{card.page}.paper", card, card.board_tracks, lines, "afr")
-
-
-def _default_agent(card: ApplicationCard) -> str:
-    return next(iter(agents.names(card.name)), "")
 
 
 def _by_track(

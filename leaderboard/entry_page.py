@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
-from leaderboard.pictures import Picture, Pictures
+from leaderboard.pictures import Pictures, SamplePicture
 from sada_gym.board.results.columns import row_cells, row_columns
 from sada_gym.board.results.entry import Entry, EntryResult
 from sada_gym.board.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
@@ -52,7 +52,7 @@ class Section:
     title: str
     href: str
     sheet: Sheet
-    pictures: tuple[Picture, ...]
+    pictures: tuple[SamplePicture, ...]
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ _VERSION = 1
 
 
 @dataclass(frozen=True)
-class Picture:
+class SamplePicture:
     """A picture on an entry's page: its place in the site, and what it shows in words."""
 
     path: str
@@ -50,7 +50,7 @@ class Pictures:
 
     def of(
         self, card: ApplicationCard, agent: str, results: Mapping[str, EntryResult]
-    ) -> tuple[Picture, ...]:
+    ) -> tuple[SamplePicture, ...]:
         """Draw the samples behind the results by track; tracks of the same parameters share one."""
         if not self.drawing:
             return ()
@@ -86,7 +86,7 @@ class Pictures:
                     content = draw(chosen, samples, card)
                 if content:
                     self.files[path] = content
-                    pictures.append(Picture(path, f"{text} Tracks: {names}."))
+                    pictures.append(SamplePicture(path, f"{text} Tracks: {names}."))
         for target in opened.values():
             target.close()
         return tuple(pictures)

@@ -20,6 +20,7 @@ from sada_gym import __version__
 from sada_gym.board.results.entry import read_entries
 from sada_gym.board.results.rows import Row
 from sada_gym.board.results.sheet import (
+    BLANK,
     Column,
     Sheet,
     entry_link,
@@ -187,6 +188,7 @@ def _environment() -> jinja2.Environment:
         "version": __version__,
         "bibtex": bibtex.replace("VERSION", __version__),
         "leaders": leaders,
+        "blank": BLANK,
     }
     return environment
 

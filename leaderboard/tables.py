@@ -7,18 +7,20 @@ whole.
 
 from __future__ import annotations
 
-import argparse
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from sada_gym import agents
-from sada_gym.board.benchmark.report.tables import write_tables
 from sada_gym.board.benchmark.results import Comparison, Results, results_of
-from sada_gym.board.benchmark.suite import ADVERSARIES, TABLES, find_suite
+from sada_gym.board.benchmark.suite import ADVERSARIES, TABLES, default_agent, find_suite
 from sada_gym.board.benchmark.suite import SUITES as ALL_SUITES
+from sada_gym.board.benchmark.tables import write_tables
 from sada_gym.board.results.columns import row_cells, row_columns
 from sada_gym.board.results.entry import Entry, read_entries
 from sada_gym.board.results.rows import Row
@@ -90,7 +92,7 @@ def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
 
 
 def _headline(card: ApplicationCard, suite: SuiteCard) -> Headline:
-    agent = next(iter(agents.names(card.name)), "")
+    agent = default_agent(card.name)
     return Headline(suite.name.capitalize(), suite.name, suite.tables[0], agent)
 
 
@@ -113,23 +115,31 @@ def _row_table(rows: Sequence[Row], *keys: str) -> Iterator[str]:
     return markdown_table(row_columns(*keys), (row_cells(row, keys, places=0) for row in rows))
 
 
+def _pairs(rows: Mapping[str, Mapping[str, Row]], labels: Iterable[str]) -> Iterator[str]:
+    """Show AFR / coverage of adversaries by column, which has rows by label; rank 1 is bold."""
+
+    def pair(row: Row | None) -> Cell:
+        if row is None:
+            return BLANK
+        cells = row_cells(row, ("afr", "relative_coverage"), places=0).values()
+        return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
+
+    lines = ((text_cell(label), *(pair(of.get(label)) for of in rows.values())) for label in labels)
+    return titled_table(("adversary", *rows), lines)
+
+
 def compared(headline: Headline, entries: Sequence[Entry]) -> Iterator[str]:
     """Show each adversary's F1 with its rank, and the AFR and coverage that it joins."""
     rows = headline.rows(entries)
     if not rows:
-        yield "No verified result yet."
-        return
-    yield from _row_table(rows, "adversary", "f1", "rank", "afr", "relative_coverage")
+        return iter(["No verified result yet."])
+    return _row_table(rows, "adversary", "f1", "rank", "afr", "relative_coverage")
 
 
 def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iterator[str]:
     """Show AFR / coverage of adversaries, or of all, in all comparisons; rank 1 is bold."""
     rows = {headline.title: headline.by_label(entries) for headline in HEADLINES.values()}
-    lines = (
-        (text_cell(label), *(_pair(by_label.get(label)) for by_label in rows.values()))
-        for label in labels or ADVERSARIES
-    )
-    return titled_table(("adversary", *rows), lines)
+    return _pairs(rows, labels or ADVERSARIES)
 
 
 def beside_the_first(labels: Sequence[str], entries: Sequence[Entry]) -> Iterator[str]:
@@ -140,28 +150,16 @@ def beside_the_first(labels: Sequence[str], entries: Sequence[Entry]) -> Iterato
     return side_by_side(chosen, entries)
 
 
-def _pair(row: Row | None) -> Cell:
-    if row is None:
-        return BLANK
-    cells = row_cells(row, ("afr", "relative_coverage"), places=0).values()
-    return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
-
-
 def by_track(card: ApplicationCard, suite: SuiteCard, entries: Sequence[Entry]) -> Iterator[str]:
     """Show each adversary's AFR / coverage on each track that has a verified result."""
-    found = _headline(card, suite).verified(entries)
-    if found is None:
-        yield "No verified result yet."
-        return
+    verified = _headline(card, suite).verified(entries)
+    if verified is None:
+        return iter(["No verified result yet."])
     on_tracks = {
         card.short(track): {row.label: row for row in rows}
-        for track, rows in found.by_track.items()
+        for track, rows in verified.by_track.items()
     }
-    lines = (
-        (text_cell(row.label), *(_pair(rows.get(row.label)) for rows in on_tracks.values()))
-        for row in found.rows
-    )
-    yield from titled_table(("adversary", *on_tracks), lines)
+    return _pairs(on_tracks, (row.label for row in verified.rows))
 
 
 def on_track(
@@ -231,15 +229,13 @@ def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
     return {path: _BLOCK.sub(filled, path.read_text(encoding="utf-8")) for path in paths}
 
 
-def main() -> None:
+def main(
+    suites: Annotated[
+        bool, typer.Option("--suites", help="Print what `make results` measures; write nothing.")
+    ] = False,
+) -> None:
     """Write all tables of the documentation, or print the names of the suites."""
-    parser = argparse.ArgumentParser(
-        "python -m leaderboard.tables", description=main.__doc__, allow_abbrev=False
-    )
-    parser.add_argument(
-        "--suites", action="store_true", help="print what `make results` measures; write nothing"
-    )
-    if parser.parse_args().suites:
+    if suites:
         print(*MEASURED)
         return
     entries = read_entries(ENTRIES)
@@ -254,4 +250,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from sada_gym.board.benchmark.suite import SUITES, choose, find_suite
 from sada_gym.board.results.columns import row_cells, row_columns
@@ -35,9 +32,7 @@ from sada_gym.cli.console import (
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
-    from sada_gym.board.benchmark.costs import CostEstimate
-    from sada_gym.board.benchmark.run import BenchmarkResult, Outlook
-    from sada_gym.board.results.rows import Row
+    from sada_gym.board.benchmark.run import BenchmarkResult, CostEstimate, Outlook
 
 
 SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
@@ -113,53 +108,42 @@ def benchmark(
 
         known = references or FOLDER
         source = context.get_parameter_source("suite")
-        if report and source is not None and source.name == "DEFAULT":
-            _show_result(report_benchmark(folder, known, entries=entries), as_json)
-            return
-        chosen = choose(
-            find_suite(suite),
-            tracks=tracks or (),
-            tables=tables or (),
-            chosen=adversaries or (),
-            agents=agents or (),
-            seeds=seeds,
-            budget=budget,
-            samples=samples,
-            images=images,
-        )
-        if report:
-            of_suite = report_benchmark(
-                folder, known, entries=entries, tables=chosen.tables, tracks=chosen.tracks
+        chosen = None
+        if not report or source is None or source.name != "DEFAULT":
+            chosen = choose(
+                find_suite(suite),
+                tracks=tracks or (),
+                tables=tables or (),
+                chosen=adversaries or (),
+                agents=agents or (),
+                seeds=seeds,
+                budget=budget,
+                samples=samples,
+                images=images,
             )
-            _show_result(of_suite, as_json)
-            return
-        if plan:
+        if report or chosen is None:
+            result = report_benchmark(folder, known, entries=entries, suite=chosen)
+        elif plan:
             outlook = plan_benchmark(chosen, folder, entries=entries, references=known)
             _show_outlook(outlook, as_json)
             return
-        # what a stopped process leaves is cleaned up, which is no news to the user
-        sys.warnoptions.append("ignore:resource_tracker:UserWarning")
-        progress = BenchmarkProgress(err if as_json else out)
-        try:
-            with stoppable(), open_executor(executor, workers or cores()) as opened, progress:
-                result = run_benchmark(
-                    chosen,
-                    folder,
-                    entries=entries,
-                    workers=opened.workers,
-                    references=known,
-                    callback=progress,
+        else:
+            # what a stopped process leaves is cleaned up, which is no news to the user
+            sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+            progress = BenchmarkProgress(err if as_json else out)
+            where: dict[str, Any] = {"entries": entries, "references": known, "callback": progress}
+            try:
+                with stoppable(), open_executor(executor, workers or cores()) as opened, progress:
+                    result = run_benchmark(chosen, folder, workers=opened.workers, **where)
+            except KeyboardInterrupt as stop:
+                runs = f"{progress.finished:,} finished runs"
+                show_resume_hint(
+                    f"{runs} and all evaluations are kept in {folder}."
+                    if entries is None
+                    else f"{runs} are kept in {entries}, and all evaluations in {folder}."
                 )
-        except KeyboardInterrupt as stop:
-            show_resume_hint(_kept(progress.finished, folder, entries))
-            raise typer.Exit(stop_code(stop)) from None
+                raise typer.Exit(stop_code(stop)) from None
     _show_result(result, as_json)
-
-
-def _kept(runs: int, folder: Path, entries: Path | None) -> str:
-    if entries is None:
-        return f"{runs:,} finished runs and all evaluations are kept in {folder}."
-    return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
 
 
 def _show_outlook(outlook: Outlook, as_json: bool) -> None:
@@ -197,28 +181,25 @@ _KEYS = ("adversary", "f1", "rank", "afr", "relative_coverage", "runs")
 
 
 def _show_result(result: BenchmarkResult, as_json: bool) -> None:
+    sheets = {
+        " · ".join(comparison.names): Sheet(
+            name="",
+            title="",
+            columns=row_columns(*_KEYS),
+            lines=tuple(Line("ranked", row_cells(row, _KEYS)) for row in comparison.rows),
+        )
+        for comparison in result.results.comparisons
+    }
     if as_json:
-        tables = [
-            {"table": " · ".join(comparison.names), "rows": _records(comparison.rows)}
-            for comparison in result.results.comparisons
-        ]
+        tables = [{"table": title, "rows": [*sheet.records()]} for title, sheet in sheets.items()]
         places = {"folder": result.folder, "entries": result.entries}
         print_json({"tables": tables, "notes": result.notes, **places})
         return
-    for comparison in result.results.comparisons:
-        title = " · ".join(comparison.names)
-        table = Table(title=title, header_style="bold", title_justify="left")
-        for column in row_columns(*_KEYS):
-            table.add_column(column.title, justify="right" if column.numeric else "left")
-        for row in comparison.rows:
-            cells = row_cells(row, _KEYS)
-            table.add_row(*(escape(cells[key].text) for key in _KEYS))
+    for title, sheet in sheets.items():
+        table = make_table(*(column.title for column in sheet.columns), title=title, left=1)
+        for line in sheet.lines:
+            table.add_row(*(escape(line.cells[key].text) for key in _KEYS))
         out.print(table)
     for note in result.notes:
         say(note, lead="[yellow]Warning:[/] ")
     say(f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")
-
-
-def _records(rows: Sequence[Row]) -> Any:
-    lines = tuple(Line("ranked", row_cells(row, _KEYS)) for row in rows)
-    return json.loads(Sheet("", "", row_columns(*_KEYS), lines).json())

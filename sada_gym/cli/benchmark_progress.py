@@ -11,9 +11,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 
 from sada_gym.board.benchmark.entries import Missing
 from sada_gym.board.benchmark.folder import Timing
-from sada_gym.board.benchmark.plan import Plan
+from sada_gym.board.benchmark.plan import BenchmarkPlan
 from sada_gym.board.benchmark.progress import BenchmarkCallback
-from sada_gym.board.benchmark.report.tables import short_name
+from sada_gym.board.benchmark.tables import short_name
 from sada_gym.cli.console import say
 from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.progress import COMPILING, Display, clock, will_compile
@@ -48,11 +48,11 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         self._all: TaskID | None = None
         self._tasks: dict[_Group, TaskID] = {}
         self._doing: dict[_Group, str] = {}
-        self.evaluate_batchd: dict[_Group, int] = {}  # by each group's current run
+        self._evaluated: dict[_Group, int] = {}  # by each group's current run
         self._recent: deque[tuple[float, int]] = deque()
         self._lock = threading.RLock()  # another thread calls `_line`
 
-    def on_start(self, plan: Plan, missing: Missing) -> None:
+    def on_start(self, plan: BenchmarkPlan, missing: Missing) -> None:
         """Show how many runs are missing."""
         self._total = sum(1 for _ in plan.runs)
         self.finished, self._left = self._total - len(missing.runs), list(missing.runs)
@@ -79,7 +79,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         with self._lock:
             task, group = self._task(run), _group(run)
             self._count(run, timing.evaluated)
-            self.evaluate_batchd.pop(group)
+            self._evaluated.pop(group)
             self.finished += 1
             self._left.remove(run)
             self._took.setdefault((run.key.table, run.label), []).append(timing.wall_s)
@@ -101,10 +101,10 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         return self._tasks[group]
 
     def _count(self, run: RunSettings, evaluated: int) -> None:
-        before = self.evaluate_batchd.get(_group(run), 0)
+        before = self._evaluated.get(_group(run), 0)
         # a run that is repeated because its process died counts from 0
         self._recent.append((time.monotonic(), max(0, evaluated - before)))
-        self.evaluate_batchd[_group(run)] = evaluated
+        self._evaluated[_group(run)] = evaluated
 
     def _refresh(self) -> None:
         assert self._all is not None

@@ -15,7 +15,8 @@ from fuzz_entries import fuzz, mend_claims
 from made_entries import ANALYTIC, make_entry, only_result
 
 from sada_gym.board.results.entry import GroupFiles
-from sada_gym.board.submission.checks import MAX_FILES, check_entry
+from sada_gym.board.submission.checks import check_entry
+from sada_gym.board.submission.files import MAX_FILES
 from sada_gym.errors import UserError
 
 GROUP = "SADA-Analytic"

@@ -119,7 +119,7 @@ def test_what_joins_an_entry_keeps_its_limits(runs, tmp_path, monkeypatch):
     submit(runs, ME, out=tmp_path)
     before = snapshot(tmp_path)
     size = sum(map(len, before.values()))
-    monkeypatch.setattr("sada_gym.board.submission.checks.MAX_ENTRY_BYTES", size + 1_000)
+    monkeypatch.setattr("sada_gym.board.submission.files.MAX_ENTRY_BYTES", size + 1_000)
     with pytest.raises(UserError, match=r"Expected at most 0 MiB in .*mine, got 0 MiB"):
         submit(runs[:1], ME, rule="equal-queries", out=tmp_path)
     assert snapshot(tmp_path) == before

@@ -4,6 +4,7 @@ import re
 import sys
 
 import pytest
+import typer
 from prose import numbers, rows
 
 from leaderboard import tables
@@ -17,9 +18,9 @@ from leaderboard.tables import (
     results_of_suite,
     robustness,
 )
-from sada_gym.board.benchmark.report.tables import TABLE_FILE, write_tables
 from sada_gym.board.benchmark.suite import ADVERSARIES, find_suite
 from sada_gym.board.benchmark.suite import SUITES as SUITES_OF_ALL
+from sada_gym.board.benchmark.tables import TABLE_FILE, write_tables
 from sada_gym.board.results.entry import read_entries
 from sada_gym.board.submission.checks import check_entry, find_outdated
 
@@ -54,7 +55,7 @@ def test_an_option_writes_no_page(option, code, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(tables, "DOCS", tmp_path)
     monkeypatch.setattr(sys, "argv", ["tables", option])
     with pytest.raises(SystemExit) as ended:
-        tables.main()
+        typer.run(tables.main)
     assert ended.value.code == code
     assert "--suites" in "".join(capsys.readouterr())
     assert not any(tmp_path.iterdir())

@@ -15,7 +15,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
 from sada_gym.board.benchmark.folder import read_costs
 from sada_gym.board.benchmark.progress import BenchmarkCallback
-from sada_gym.board.benchmark.suite import Budget, Suite, Table
+from sada_gym.board.benchmark.suite import BenchmarkSuite, Budget, Table
 from sada_gym.board.results.entry import read_entries
 from sada_gym.board.results.models import entry_name
 from sada_gym.envs.adversary import AdversaryEnv
@@ -158,13 +158,13 @@ def contents(out: Path) -> dict[str, bytes]:
     }
 
 
-def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes) -> Suite:
+def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes) -> BenchmarkSuite:
     """A small suite, a table for each budget."""
     tables = tuple(
         Table(name=f"n{budget}", title=f"Budget {budget}", note="", budget=Budget(queries=budget))
         for budget in budgets
     )
-    return Suite(
+    return BenchmarkSuite(
         name="small",
         tracks=(track,),
         tables=tuple(table.model_copy(update={"samples": 30}) for table in tables),

@@ -71,12 +71,12 @@ class Search:
         pool = (2.0 * sobol - 1.0).astype(np.float32)
         self._posterior = PoolPosterior(self.kernel, pool, mu, values, capacity=capacity)
         self._known = {row.tobytes() for row in mu}
-        self.evaluate_batchd = np.zeros(candidates, bool)
+        self.evaluated = np.zeros(candidates, bool)
         self._steps = 0
 
         best = np.argsort(self._posterior.mean_at_observations(), kind="stable")[:_WATCHED]
         self._posterior.replace(np.arange(len(best)), mu[best])
-        self.evaluate_batchd[: len(best)] = True
+        self.evaluated[: len(best)] = True
 
     def choose(self) -> Floats32:
         """Return the candidate (d,) of the largest expected improvement, never one evaluated."""
@@ -91,11 +91,11 @@ class Search:
                     "Expected a candidate that was not evaluated yet, but none is left. Raise the "
                     "option candidates, or lower the budget."
                 )
-            self.evaluate_batchd[index], improvement[index] = True, -1.0
+            self.evaluated[index], improvement[index] = True, -1.0
             index = int(np.argmax(improvement))
         point: Floats32 = self._posterior.pool[index].copy()
         self._known.add(point.tobytes())
-        self.evaluate_batchd[index] = True
+        self.evaluated[index] = True
         self._posterior.condition(index)
         return point
 
@@ -110,9 +110,9 @@ class Search:
     def _improvement(self) -> Floats:
         mean = self._posterior.mean
         deviation = np.sqrt(np.maximum(self._posterior.variance, 1e-12))
-        incumbent = float(mean[self.evaluate_batchd].min())
+        incumbent = float(mean[self.evaluated].min())
         improvement = expected_improvement(mean, deviation, incumbent)
-        improvement[self.evaluate_batchd] = -1.0
+        improvement[self.evaluated] = -1.0
         return improvement
 
     def _refine(self) -> None:
@@ -121,7 +121,7 @@ class Search:
         The evaluated ones of the lowest means stay: the incumbent is one of them.
         """
         improvement = self._improvement()
-        evaluated = np.flatnonzero(self.evaluate_batchd)
+        evaluated = np.flatnonzero(self.evaluated)
         worth = improvement.copy()
         worth[evaluated[lowest(self._posterior.mean[evaluated], _WATCHED)]] = np.inf
         slots = lowest(worth, _CENTRES * _NEIGHBOURS)
@@ -132,4 +132,4 @@ class Search:
         step = radius * np.minimum(self.kernel.length_scales, 1.0)
         moved = reflect(centres + step * self._rng.normal(size=centres.shape))
         self._posterior.replace(slots, moved.astype(np.float32) + np.float32(0.0))
-        self.evaluate_batchd[slots] = False
+        self.evaluated[slots] = False

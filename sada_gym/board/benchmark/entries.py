@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sada_gym.board.benchmark.folder import RunDone
-from sada_gym.board.benchmark.plan import Plan
+from sada_gym.board.benchmark.plan import BenchmarkPlan
 from sada_gym.board.results.entry import (
     METADATA_FILE,
     EntryResult,
@@ -37,7 +37,7 @@ class Missing:
     outdated: int
 
 
-def find_missing(entries: Path, plan: Plan) -> Missing:
+def find_missing(entries: Path, plan: BenchmarkPlan) -> Missing:
     """Find the runs of a plan that are yet to be made.
 
     A run is there where its seed is in a result of its experiment. Seeds, results and entries that

@@ -14,7 +14,7 @@ from sada_gym import adversaries
 from sada_gym.analyses.plots.novelty import novelty_sheet
 from sada_gym.analyses.plots.style import png
 from sada_gym.board.benchmark.folder import RunDone, Timing, store_file
-from sada_gym.board.benchmark.plan import Group
+from sada_gym.board.benchmark.plan import RunGroup
 from sada_gym.board.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
@@ -42,7 +42,7 @@ class RunJob:
     """
 
     settings: RunSettings
-    group: Group
+    group: RunGroup
     workers: int
     out: Path
     token: str

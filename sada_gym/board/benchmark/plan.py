@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.board.benchmark.suite import ADVERSARIES, Suite, Table
+from sada_gym.board.benchmark.suite import ADVERSARIES, BenchmarkSuite, Table
 from sada_gym.board.results.models import EntryMetadata, Result, entry_name
 from sada_gym.errors import UserError
 from sada_gym.experiment.adversary import AdversarySpec, json_compatible
@@ -32,7 +32,7 @@ _MAX_PLACE = 150
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RunGroup:
     """The runs of one target and seed: they share a store, so one follows the other in this order.
 
     Attributes:
@@ -48,11 +48,11 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkPlan:
     """All runs that a call of the benchmark does, and what each entry says of itself, by label."""
 
-    suite: Suite
-    groups: tuple[Group, ...]
+    suite: BenchmarkSuite
+    groups: tuple[RunGroup, ...]
     metadata: Mapping[str, EntryMetadata]
     notes: tuple[str, ...]
 
@@ -62,21 +62,20 @@ class Plan:
         return (run for group in self.groups for run in group.runs)
 
 
-def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
+def make_plan(suite: BenchmarkSuite, references: Path = FOLDER) -> BenchmarkPlan:
     """Lay out all runs of a suite, and check everything that can be checked beforehand.
 
     What does not fit is a TypeError or ValueError.
     """
-    missing = {
-        label: package
-        for label, spec in suite.adversaries.items()
-        if (package := adversaries.missing_package(spec.name)) is not None
-    }
-    notes = [
-        f"{label} is left out: it needs the package {package}, which is not installed."
-        for label, package in missing.items()
-    ]
-    rows = {label: spec for label, spec in suite.adversaries.items() if label not in missing}
+    notes, rows = list[str](), dict[str, AdversarySpec]()
+    for label, spec in suite.adversaries.items():
+        package = adversaries.missing_package(spec.name)
+        if package is None:
+            rows[label] = spec
+        else:
+            notes.append(
+                f"{label} is left out: it needs the package {package}, which is not installed."
+            )
     metadata = {label: metadata_of(label, spec) for label, spec in rows.items()}
     groups = []
     for track in suite.tracks:
@@ -95,21 +94,15 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
                 for label, spec, solver in solvers
                 if table.includes(label)
             ]
-            groups += [
-                Group(
-                    target.target,
-                    seed,
-                    tuple(_at_seed(run, seed) for run in runs),
-                    target.fooling_set,
-                    target.ideal_set,
-                )
-                for seed in suite.seeds_on(track)
-            ]
+            for seed in suite.seeds_on(track):
+                seeded = tuple(_at_seed(run, seed) for run in runs)
+                sets = target.fooling_set, target.ideal_set
+                groups.append(RunGroup(target.target, seed, seeded, *sets))
     if not any(group.runs for group in groups):
         raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
-    plan = Plan(suite, tuple(ordered), metadata, tuple(notes))
+    plan = BenchmarkPlan(suite, tuple(ordered), metadata, tuple(notes))
     _check_places(plan)
     return plan
 
@@ -143,7 +136,7 @@ def _at_seed(run: RunSettings, seed: int) -> RunSettings:
     return run.model_copy(update=changes)
 
 
-def _check_places(plan: Plan) -> None:
+def _check_places(plan: BenchmarkPlan) -> None:
     """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
     known: dict[tuple[str, str, int], RunSettings] = {}
     for run in plan.runs:
@@ -166,7 +159,7 @@ def _check_places(plan: Plan) -> None:
 
 
 def _targets(
-    suite: Suite, track: str, references: Path
+    suite: BenchmarkSuite, track: str, references: Path
 ) -> Iterator[tuple[OpenTarget, tuple[Table, ...]]]:
     """Open each agent that is to be attacked on a track, with the tables that it stands in."""
     with ExitStack() as stack:
@@ -184,7 +177,7 @@ def _targets(
 
 
 def _settings(
-    suite: Suite,
+    suite: BenchmarkSuite,
     table: Table,
     target: OpenTarget,
     label: str,

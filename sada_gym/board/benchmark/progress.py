@@ -19,7 +19,7 @@ from pathlib import Path
 
 from sada_gym.board.benchmark.entries import Missing
 from sada_gym.board.benchmark.folder import Timing, store_file
-from sada_gym.board.benchmark.plan import Plan
+from sada_gym.board.benchmark.plan import BenchmarkPlan
 from sada_gym.experiment.algorithm import RunProgress
 from sada_gym.experiment.record import RunSettings
 
@@ -34,7 +34,7 @@ class BenchmarkCallback:
     The methods do nothing: a subclass overrides those that it needs.
     """
 
-    def on_start(self, plan: Plan, missing: Missing) -> None:
+    def on_start(self, plan: BenchmarkPlan, missing: Missing) -> None:
         """Receive the plan and what of it is yet to be made."""
 
     def on_progress(self, run: RunSettings, progress: RunProgress) -> None:

@@ -10,7 +10,7 @@ from functools import cached_property
 from sada_gym import agents
 from sada_gym.board.benchmark.suite import ADVERSARIES, CONTROLS, Table, tables_of
 from sada_gym.board.results.entry import Entry, EntryResult
-from sada_gym.board.results.models import DISQUALIFYING, SeedResult, Tier, entry_name
+from sada_gym.board.results.models import DISQUALIFYING, Tier, entry_name
 from sada_gym.board.results.rows import Row, RunSummary, rows_of_runs
 from sada_gym.experiment.differences import check_same_record
 from sada_gym.experiment.packages import in_order
@@ -117,33 +117,25 @@ def results_of(
     runs_of: dict[tuple[int, str], list[RunSummary]] = {}
     versions: dict[str, set[str]] = {}
     for entry in entries:
+        name = entry.metadata.name
         for result in entry.results.values():
-            experiment = result.claimed.experiment
-            target, verified = experiment.target, result.verified if tier == "verified" else None
-            showing = [i for i, table in enumerate(tables) if table.shows(experiment)]
-            seeds = list(_seeds(result, tier))
-            if not showing or not seeds:
-                continue
-            check_same_record(
-                f"results of one version of {target.track} and of its agent",
-                targets.setdefault((target.track, target.agent), target).model_dump(),
-                target.model_dump(),
-                "Leave those out that are outdated, or make them anew.",
-            )
-            for claims in seeds:
-                for name, version in claims.packages.items():
-                    versions.setdefault(name, set()).add(version)
-                summary = RunSummary(
-                    label=labels[entry.metadata.name],
-                    entry=entry.metadata.name,
-                    experiment=experiment.at(claims.seed),
-                    claims=claims,
-                    control=experiment.adversary.name in CONTROLS,
-                    disqualified=verified is not None
-                    and not DISQUALIFYING.isdisjoint(verified.flags),
+            target = result.claimed.experiment.target
+            showing = [
+                i for i, table in enumerate(tables) if table.shows(result.claimed.experiment)
+            ]
+            runs = list(_runs(labels[name], name, result, tier)) if showing else []
+            if runs:
+                check_same_record(
+                    f"results of one version of {target.track} and of its agent",
+                    targets.setdefault((target.track, target.agent), target).model_dump(),
+                    target.model_dump(),
+                    "Leave those out that are outdated, or make them anew.",
                 )
+            for run in runs:
+                for package, version in run.claims.packages.items():
+                    versions.setdefault(package, set()).add(version)
                 for table in showing:
-                    runs_of.setdefault((table, target.agent), []).append(summary)
+                    runs_of.setdefault((table, target.agent), []).append(run)
     known = agents.names()
     comparisons = tuple(
         Comparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
@@ -160,28 +152,35 @@ def results_of(
 
 def _labels(entries: Sequence[Entry]) -> dict[str, str]:
     """Return each entry's label: its title, and its name too where another one has this title."""
+    titles = {entry.metadata.name: entry.metadata.title for entry in entries}
     times = Counter(entry.metadata.title for entry in entries)
-    labels = {}
-    for metadata in (entry.metadata for entry in entries):
-        name, title = metadata.name, metadata.title
-        is_clear = times[title] == 1 or name == entry_name(title)
-        labels[name] = title if is_clear else f"{title} [{name}]"
-    return labels
+    return {
+        name: title if times[title] == 1 or name == entry_name(title) else f"{title} [{name}]"
+        for name, title in titles.items()
+    }
 
 
-def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
-    """Return the claims of each seed, with the verifier's measures and flags in its tier."""
-    if tier == "claimed":
-        yield from result.claimed.seeds
-    elif result.verified is not None:
-        measures = {seed.seed: seed.measures for seed in result.verified.seeds}
-        flags = tuple(f"{name}: {text}" for name, text in result.verified.flags.items())
-        for claims in result.claimed.seeds:
-            if claims.measures is None:
-                yield claims
-            elif claims.seed in measures:
-                changes = {"measures": measures[claims.seed], "flags": (*claims.flags, *flags)}
-                yield claims.model_copy(update=changes)
+def _runs(label: str, entry: str, result: EntryResult, tier: Tier) -> Iterator[RunSummary]:
+    """Return each seed of a result, with the verifier's measures and flags in its tier."""
+    experiment, verified = result.claimed.experiment, result.verified
+    measures = {seed.seed: seed.measures for seed in verified.seeds} if verified else {}
+    flags = verified.flags if verified else {}
+    for claims in result.claimed.seeds:
+        if tier == "verified":
+            if verified is None or (claims.measures and claims.seed not in measures):
+                continue
+            if claims.measures:
+                more = (f"{name}: {text}" for name, text in flags.items())
+                changes = {"measures": measures[claims.seed], "flags": (*claims.flags, *more)}
+                claims = claims.model_copy(update=changes)
+        yield RunSummary(
+            label=label,
+            entry=entry,
+            experiment=experiment.at(claims.seed),
+            claims=claims,
+            control=experiment.adversary.name in CONTROLS,
+            disqualified=tier == "verified" and not DISQUALIFYING.isdisjoint(flags),
+        )
 
 
 def _run_order(run: RunSummary) -> tuple[tuple[int, str], tuple[int, str], int]:

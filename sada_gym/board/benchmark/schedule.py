@@ -17,7 +17,7 @@ import numpy as np
 from sada_gym.board.benchmark.entries import add_run
 from sada_gym.board.benchmark.folder import RunDone, store_file, write_costs
 from sada_gym.board.benchmark.job import RunError, RunJob, do_run
-from sada_gym.board.benchmark.plan import Group, Plan
+from sada_gym.board.benchmark.plan import BenchmarkPlan, RunGroup
 from sada_gym.board.benchmark.progress import (
     BenchmarkCallback,
     can_read,
@@ -39,7 +39,7 @@ _DEATHS = 3
 class _Chain:
     """A group at work: one run after the other, always in the same place."""
 
-    group: Group
+    group: RunGroup
     left: deque[RunSettings]
     place: int
 
@@ -49,7 +49,7 @@ class _Chain:
 
 
 def do_runs(
-    plan: Plan,
+    plan: BenchmarkPlan,
     missing: Sequence[RunSettings],
     out: Path,
     entries: Path,
@@ -83,8 +83,8 @@ class _Schedule:
 
     def __init__(
         self,
-        plan: Plan,
-        groups: deque[tuple[Group, deque[RunSettings]]],
+        plan: BenchmarkPlan,
+        groups: deque[tuple[RunGroup, deque[RunSettings]]],
         workers: Workers,
         out: Path,
         entries: Path,

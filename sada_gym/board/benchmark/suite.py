@@ -70,11 +70,8 @@ class Table(Strict):
     def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
         """Choose the agents to attack from those that an application ships."""
         others = [agent for agent in shipped if agent != default]
-        if isinstance(self.agents, tuple):
-            return list(self.agents)
-        if self.agents == "others":
-            return others
-        return [default, *others] if self.agents == "all" else [default]
+        named = {"default": [default], "all": [default, *others], "others": others}
+        return list(self.agents) if isinstance(self.agents, tuple) else named[self.agents]
 
     def shows(self, experiment: Experiment) -> bool:
         """Say whether this table shows the results of an experiment."""
@@ -102,7 +99,7 @@ class Table(Strict):
         )
 
 
-class Suite(Strict):
+class BenchmarkSuite(Strict):
     """Everything that one benchmark runs.
 
     Attributes:
@@ -155,14 +152,12 @@ _PAPER_BUDGETS = Table(
             queries=20_000, of_adversary={"bayesian": 10_000}, boosting_on_top=True
         )
     },
-    agents="all",
 )
 _EQUAL_QUERIES = Table(
     name="equal-queries",
     title="Equal queries",
     note="The same number of queries for every adversary, boosting and Bayesian included.",
     budget=Budget(queries=2_000),
-    agents="all",
 )
 _OTHER_AGENTS = Table(
     name="other-agents",
@@ -177,25 +172,29 @@ _OTHER_AGENTS = Table(
         *("trees", "level-set", "sac"),
     ),
 )
-TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
-"""All tables of the suites, by name."""
+_TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+TABLES = {
+    name: table.model_copy(update={"agents": "all"}) if table.agents == "default" else table
+    for name, table in _TABLES.items()
+}
+"""All tables of the suites, by name, with results against all agents."""
+
+
+def default_agent(application: str) -> str:
+    """Return the first agent that is shipped for an application; empty where none is."""
+    return next(iter(agents.names(application)), "")
 
 
 def is_default(application: str, agent: str) -> bool:
     """Say whether an agent is the default one; where none is shipped, every agent is."""
-    shipped = agents.names(application)
-    return not shipped or agent == shipped[0]
+    return default_agent(application) in ("", agent)
 
 
-def _against_the_default(table: Table) -> Table:
-    return table.model_copy(update={"agents": "default"})
-
-
-def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
-    return Suite(
+def _suite_of(card: ApplicationCard, suite: SuiteCard) -> BenchmarkSuite:
+    return BenchmarkSuite(
         name=suite.name,
         tracks=card.track_ids,
-        tables=tuple(_against_the_default(TABLES[name]) for name in suite.tables),
+        tables=tuple(_TABLES[name] for name in suite.tables),
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
         images=suite.images,
@@ -204,21 +203,21 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
 
 _TABLE_1 = tuple(track for track in TABLE_1_COLUMNS.values() if track is not None)
 
-SUITES: tuple[Suite, ...] = (
+SUITES: tuple[BenchmarkSuite, ...] = (
     *(_suite_of(card, card.suite) for card in cards() if card.suite is not None),
-    Suite(
+    BenchmarkSuite(
         name="quick",
         tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
-        tables=(_against_the_default(_EQUAL_QUERIES),),
+        tables=(_EQUAL_QUERIES,),
     ),
-    Suite(
+    BenchmarkSuite(
         name="table-1",
         tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
-        tables=(_against_the_default(_PAPER_BUDGETS),),
+        tables=(_PAPER_BUDGETS,),
         adversaries=_PAPER_ROWS,
     ),
-    Suite(name="table-1-columns", tracks=_TABLE_1, tables=(_against_the_default(_PAPER_BUDGETS),)),
-    Suite(
+    BenchmarkSuite(name="table-1-columns", tracks=_TABLE_1, tables=(_PAPER_BUDGETS,)),
+    BenchmarkSuite(
         name="agents",
         tracks=tuple(
             track
@@ -237,7 +236,7 @@ columns that are single tracks, because 20,000 queries on each track of detectio
 """
 
 
-def find_suite(name: str) -> Suite:
+def find_suite(name: str) -> BenchmarkSuite:
     """Find a suite by its name; an unknown one is a ValueError."""
     check_known("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
@@ -270,7 +269,7 @@ def find_adversary(text: str) -> tuple[str, AdversarySpec]:
 
 
 def choose(
-    suite: Suite,
+    suite: BenchmarkSuite,
     *,
     tracks: Sequence[str] = (),
     tables: Sequence[str] = (),
@@ -280,7 +279,7 @@ def choose(
     budget: int | None = None,
     samples: int | None = None,
     images: int | None = None,
-) -> Suite:
+) -> BenchmarkSuite:
     """Narrow or change a suite as the command line does; what is not given stays.
 
     `chosen` are adversaries, each as `find_adversary` takes it. The agents, seeds, budget and

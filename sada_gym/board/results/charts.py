@@ -63,30 +63,23 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     figure = new_figure(12.5 if covered else 7.0, 5.2)
     panels = figure.subplots(1, 2 if covered else 1, squeeze=False)[0]
     names, notes = _short_names(curves)
-    colours = [INK if _is_shared(curve) else _colour(curve.labels[0]) for curve in curves]
+    colours = [INK if _is_shared(curve) else family_of(curve.labels[0]).colour for curve in curves]
     last = max(float(curve.queries[-1]) for curve in curves)
     ends = []
     for axes, what in zip(panels, ("found", "coverage"), strict=False):
         ends.append(np.zeros((len(curves), 2)))
         for i, (curve, style) in enumerate(zip(curves, _styles(colours), strict=True)):
             values = curve.found if curve.coverage is None or what == "found" else curve.coverage
-            axes.plot(
-                curve.queries,
-                values,
-                color=colours[i],
-                linestyle=style,
-                linewidth=1.5,
-                marker="o",
-                markersize=2.5,
-            )
+            look = {"linestyle": style, "linewidth": 1.5, "marker": "o", "markersize": 2.5}
+            axes.plot(curve.queries, values, color=colours[i], **look)
             ends[-1][i] = curve.queries[-1], values[-1]
         axes.set_xlim(0, 1.03 * last)
         axes.set_ylim(bottom=0)
         axes.set_xlabel("queries")
-        axes.xaxis.set_major_formatter(_thousands)
+        axes.xaxis.set_major_formatter("{x:,.0f}")
         tidy(axes, grid="both")
     panels[0].set_ylabel("distinct fooling points found")
-    panels[0].yaxis.set_major_formatter(_thousands)
+    panels[0].yaxis.set_major_formatter("{x:,.0f}")
     panels[0].yaxis.get_major_locator().set_params(integer=True)
     if covered:
         panels[1].set_ylim(0, min(1.15 * panels[1].dataLim.y1, 1.03))
@@ -129,16 +122,16 @@ def marginal_strips(
             axes.set_visible(False)
             continue
         parameter = space.parameters[i]
-        ends = np.array([parameter.low, parameter.high])
         bins = len(parameter.choices) or _BINS
         edges = np.linspace(-1.0, 1.0, bins + 1)
         counts = np.array([np.histogram(mu[:, i], edges)[0] / len(mu) for mu in strips.values()])
+        ends = places(parameter, np.array([parameter.low, parameter.high]))
         image = axes.imshow(
             counts * bins,
             aspect="auto",
             cmap=colours,
             norm=TwoSlopeNorm(1.0, 0.0, _CEILING),
-            extent=(*places(parameter, ends), len(strips), 0),
+            extent=(*ends, len(strips), 0),
             interpolation="nearest",
         )
         for line in range(1, len(strips)):
@@ -148,8 +141,7 @@ def marginal_strips(
         axes.set_yticks(np.arange(len(strips)) + 0.5, list(strips))
         tidy(axes)
         span(axes, "x", parameter)
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
+        _hide_left(axes)
     bar = figure.colorbar(image, ax=grid, shrink=0.7, aspect=30, extend="max", pad=0.01)
     bar.set_label("density, times uniform", color=INK, fontsize=9)
     bar.set_ticks([0, 0.5, 1, 2, 3, 4])
@@ -188,7 +180,7 @@ def novelty_ratios(adversaries: Mapping[str, Mapping[str, Sequence[float]]], tit
         for row, (label, ratios) in enumerate(zip(adversaries, values, strict=True)):
             if not ratios:  # nothing drawn unclipped would spoil the layout
                 continue
-            colour, rows = _colour(label), [row] * len(ratios)
+            colour, rows = family_of(label).colour, [row] * len(ratios)
             axes.plot(ratios, rows, "o", color=(colour, 0.35), markersize=5, clip_on=False)
             mean = float(np.mean(ratios))
             axes.plot(mean, row, "|", color=colour, markersize=11, mew=2.2, clip_on=False)
@@ -198,14 +190,14 @@ def novelty_ratios(adversaries: Mapping[str, Mapping[str, Sequence[float]]], tit
         axes.set_yticks(range(len(adversaries)), list(adversaries))
         axes.set_ylim(len(adversaries) - 0.4, -0.6)
         tidy(axes, grid="y")
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
+        _hide_left(axes)
     _title(figure, title)
     return figure
 
 
-def _colour(label: str) -> str:
-    return family_of(label).colour
+def _hide_left(axes: Axes) -> None:
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
 
 
 def _styles(colours: Sequence[str]) -> list[object]:
@@ -226,10 +218,6 @@ def _short_names(curves: Sequence[Curve]) -> tuple[list[str], list[str]]:
     return names, notes
 
 
-def _thousands(value: float, _: int | None = None) -> str:
-    return f"{value:,.0f}"
-
-
 def _is_shared(curve: Curve) -> bool:
     return len(curve.labels) > 2
 
@@ -239,17 +227,9 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
 
     shown = {family_of(label) for label in labels}
     handles = [
-        Line2D(
-            [],
-            [],
-            color=family.colour,
-            marker=family.marker,
-            linestyle="",
-            markersize=6,
-            label=family.name,
-        )
-        for family in FAMILIES
-        if family in shown
+        Line2D([], [], color=f.colour, marker=f.marker, ls="", markersize=6, label=f.name)
+        for f in FAMILIES
+        if f in shown
     ]
     figure.legend(handles=handles, loc="outside lower right", ncols=5, frameon=False, fontsize=8.5)
 
@@ -257,14 +237,6 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
 def _title(figure: Figure, title: str, below: str = "") -> None:
     text = f"{title}\n{below}" if below else title
     figure.suptitle(text, x=0.01, ha="left", fontsize=11, color=INK)
-
-
-def _draw_leader(axes: Axes, start: Floats, end: Floats, colour: str) -> None:
-    """Draw a thin line between two places in pixels."""
-    line = axes.transData.inverted().transform([start, end])
-    axes.plot(
-        *line.T, color=(colour, 0.55), linewidth=0.7, scalex=False, scaley=False, clip_on=False
-    )
 
 
 def label_ends(
@@ -283,26 +255,23 @@ def label_ends(
     Returns:
         The names, in the order of the lines.
     """
-    pixel = _freeze(axes)
-    anchors, frame = axes.transData.transform(ends), axes.get_window_extent()
-    heights = _spread(anchors[:, 1], 1.35 * _SIZE * pixel, frame.y0, frame.y1)
-    to_data = axes.transData.inverted()
-    texts = []
-    for anchor, height, name, colour in zip(anchors, heights, names, colours, strict=True):
-        place = np.array([frame.x1 + 16 * pixel, height])
-        _draw_leader(axes, anchor, place - [3 * pixel, 0], colour)
-        x, y = to_data.transform(place)
-        texts.append(axes.text(x, y, name, fontsize=_SIZE, color=colour, va="center"))
-    return texts
-
-
-def _freeze(axes: Axes) -> float:
-    """Lay the figure out for good, and give the pixels of a point."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    return figure.dpi / 72
+    pixel = figure.dpi / 72
+    anchors, frame = axes.transData.transform(ends), axes.get_window_extent()
+    heights = _spread(anchors[:, 1], 1.35 * _SIZE * pixel, frame.y0, frame.y1)
+    texts = []
+    for anchor, height, name, colour in zip(anchors, heights, names, colours, strict=True):
+        place = np.array([frame.x1 + 16 * pixel, height])
+        line = axes.transData.inverted().transform([anchor, place - [3 * pixel, 0]]).T
+        axes.plot(
+            *line, color=(colour, 0.55), linewidth=0.7, scalex=False, scaley=False, clip_on=False
+        )
+        x, y = axes.transData.inverted().transform(place)
+        texts.append(axes.text(x, y, name, fontsize=_SIZE, color=colour, va="center"))
+    return texts
 
 
 def _spread(wanted: Floats, gap: float, low: float, high: float) -> Floats:

@@ -106,7 +106,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Chart:
+class FrontChart:
     """The chart, laid out.
 
     Attributes:
@@ -180,7 +180,7 @@ class Chart:
                 x += 36 + _LETTER * len(family.name)
 
 
-def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
+def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
     """Lay out the adversaries that have both figures; None where fewer than two have."""
     shown = [
         (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage
@@ -207,7 +207,7 @@ def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
         is_on_front = front.get(row.entry, False)
         points.append(Point(row, coverage, afr, is_on_front, x, y, tuple(bars), label_x, label_y))
     on_front = sorted((point for point in points if point.front), key=lambda point: point.x)
-    return Chart(title, tuple(points), tuple(on_front), end, floor)
+    return FrontChart(title, tuple(points), tuple(on_front), end, floor)
 
 
 def _ends(figure: Figure) -> tuple[float, float]:

@@ -14,33 +14,20 @@ FULL_SET = "full set"
 Rates = Mapping[str, float]
 """AFR in percent by track, and by `AVERAGE` that of the twelve classes."""
 
-CLASS_COLUMNS: dict[str, str] = {
-    "aeroplane": "SADA-Detection-Aeroplane-v0",
-    "bench": "SADA-Detection-Bench-v0",
-    "bicycle": "SADA-Detection-Bicycle-v0",
-    "boat": "SADA-Detection-Boat-v0",
-    "bottle": "SADA-Detection-Bottle-v0",
-    "bus": "SADA-Detection-Bus-v0",
-    "car": "SADA-Detection-Car-v0",
-    "chair": "SADA-Detection-Chair-v0",
-    "diningtable": "SADA-Detection-DiningTable-v0",
-    "motorbike": "SADA-Detection-Motorbike-v0",
-    "train": "SADA-Detection-Train-v0",
-    "truck": "SADA-Detection-Truck-v0",
-}
+_CLASSES = (
+    *("Aeroplane", "Bench", "Bicycle", "Boat", "Bottle", "Bus", "Car", "Chair", "DiningTable"),
+    *("Motorbike", "Train", "Truck"),
+)
+CLASS_COLUMNS = {name.lower(): f"SADA-Detection-{name}-v0" for name in _CLASSES}
 """The classes of the appendix's table and our tracks."""
 
 TABLE_1_COLUMNS: dict[str, str | None] = {
-    "Bicycle": "SADA-Detection-Bicycle-v0",
-    "Motorbike": "SADA-Detection-Motorbike-v0",
-    "Truck": "SADA-Detection-Truck-v0",
+    **{name: f"SADA-Detection-{name}-v0" for name in ("Bicycle", "Motorbike", "Truck")},
     AVERAGE: None,
     "Straight": "SADA-Driving-Straight-v0",
     "One Curve": "SADA-Driving-OneCurve-v0",
     "Navigation": "SADA-Driving-Navigation-v0",
-    "3 anchors": "SADA-UAV-3Anchors-v0",
-    "4 anchors": "SADA-UAV-4Anchors-v0",
-    "5 anchors": "SADA-UAV-5Anchors-v0",
+    **{f"{count} anchors": f"SADA-UAV-{count}Anchors-v0" for count in (3, 4, 5)},
 }
 """The columns of the paper's Table 1 and our tracks; the average's are the twelve classes."""
 

@@ -1,4 +1,4 @@
-"""A table of results: typed cells, which give Markdown, HTML, CSV and JSON alike."""
+"""A table of results: typed cells, which give Markdown, CSV and JSON, and the site's HTML."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from typing import Literal
 
 from sada_gym.board.results.figures import Figure
@@ -17,9 +16,6 @@ Kind = Literal["ranked", "unranked", "control", "paper", "reference"]
 
 SHADES = 10
 """The number of shades of a cell that stands for a rate, beside 0 for none."""
-
-_LONG = 28  # letters from which a cell may wrap
-_FILTERED = 5  # lines above which a page offers filters
 
 
 @dataclass(frozen=True)
@@ -41,6 +37,11 @@ class Column:
     numeric: bool = True
     choice: bool = False
     blank: str = "-"
+
+    @property
+    def heading(self) -> str:
+        """The title as a page has it."""
+        return self.title if self.title.startswith("μ") else self.title[:1].upper() + self.title[1:]
 
 
 @dataclass(frozen=True)
@@ -72,23 +73,11 @@ class Cell:
     def markdown(self) -> str:
         """Return the cell as Markdown: the text, then the interval or the note in brackets."""
         text = f"**{self.text}**" if self.bold else self.text
-        note = self._ends(" to ") or self.note
+        note = self.ends(" to ") or self.note
         return f"{text} ({note})".strip() if note else text
 
-    def html(self, root: str) -> str:
-        """Return the cell's content as HTML.
-
-        Args:
-            root: The way from the page to the site's root, such as `../`.
-        """
-        text = escape(self.text)
-        if self.href:
-            marks = "".join(f' <span class="mark">{escape(mark)}</span>' for mark in self.marks)
-            text = f'<a href="{escape(root + self.href)}">{text}{marks}</a>'
-        note = self._ends(" – ") or self.note  # noqa: RUF001
-        return f"{text} <small>{escape(note)}</small>" if note else text
-
-    def _ends(self, between: str) -> str:
+    def ends(self, between: str) -> str:
+        """Return the ends of the interval in per cent; empty without one."""
         ends = (f"{100 * end:.{self.places}f}" for end in self.interval or ())
         return between.join(ends)
 
@@ -128,73 +117,19 @@ class Sheet:
                 for column in self.columns
             )
 
-    def html(self, root: str = "") -> str:
-        """Return the table as HTML, with links to its files.
-
-        Args:
-            root: The way from the page to the site's root, such as `../`.
-        """
-        title, files = escape(self.title), escape(f"{root}data/{self.name}")
-        filters = " data-filters" if len(self.lines) > _FILTERED else ""
-        return (
-            '<div class="sheet">\n<div class="bar">\n<span class="filters" hidden></span>\n'
-            f'<span class="downloads">Download <a href="{files}.csv" download>CSV</a> '
-            f'<a href="{files}.json" download>JSON</a></span>\n</div>\n'
-            f'<div class="scroll" tabindex="0" role="region" aria-label="{title}">\n'
-            f'<table class="board"{filters}>\n<caption>{title}</caption>\n'
-            f"<thead><tr>\n{''.join(self._html_heads())}</tr></thead>\n"
-            f"<tbody>\n{''.join(self._html_line(line, root) for line in self.lines)}</tbody>\n"
-            f"</table>\n</div>\n</div>\n"
-        )
-
     def csv(self) -> bytes:
         """Return the table as CSV."""
         buffer = io.StringIO()
         writer = csv.DictWriter(buffer, self._fields())
         writer.writeheader()
-        for record in self._records():
+        for record in self.records():
             writer.writerow({key: _no_formula(value) for key, value in record.items()})
         return buffer.getvalue().encode()
 
     def json(self) -> bytes:
         """Return the table as JSON: a list with an object for each row."""
-        records = list(self._records())
-        text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(list(self.records()), indent=1, ensure_ascii=False, allow_nan=False)
         return f"{text}\n".encode()
-
-    def _names_row(self, column: Column) -> bool:
-        return column.key == "entry" or (column == self.columns[0] and not column.numeric)
-
-    def _html_class(self, column: Column, *more: str) -> str:
-        name = "name" if self._names_row(column) else ""
-        classes = ("number" if column.numeric else "text", name, *more)
-        return f'class="{" ".join(filter(None, classes))}"'
-
-    def _html_heads(self) -> Iterator[str]:
-        for column in self.columns:
-            choice = " data-choice" if column.choice else ""
-            hint = f' title="{escape(column.hint)}"' if column.hint else ""
-            heading = f'<th scope="col" {self._html_class(column)}{choice}{hint}>'
-            yield f"{heading}{escape(_capitalised(column.title))}</th>\n"
-
-    def _html_line(self, line: Line, root: str) -> str:
-        cells = []
-        for column in self.columns:
-            cell = line.cells.get(column.key, BLANK)
-            tag, scope = ("th", " scope=row") if self._names_row(column) else ("td", "")
-            classes = self._html_class(
-                column,
-                "long" if len(cell.text) > _LONG else "",
-                "marks" if cell.marks else "",
-                f"shade-{cell.shade}" if cell.shade else "",
-            )
-            order = escape("" if cell.value is None else str(cell.value))
-            search = escape(f"{cell.text} {' '.join(cell.marks)}")
-            cells.append(
-                f'<{tag}{scope} {classes} data-order="{order}" data-search="{search}">'
-                f"{cell.html(root)}</{tag}>\n"
-            )
-        return f'<tr class="{line.kind}">\n{"".join(cells)}</tr>\n'
 
     def _fields(self) -> list[str]:
         fields = ["kind"]
@@ -204,7 +139,8 @@ class Sheet:
                 fields += [f"{column.key}_low", f"{column.key}_high"]
         return fields
 
-    def _records(self) -> Iterator[dict[str, float | str | None]]:
+    def records(self) -> Iterator[dict[str, float | str | None]]:
+        """Return a record for each line: the values, and the ends of their intervals."""
         for line in self.lines:
             record: dict[str, float | str | None] = dict.fromkeys(self._fields())
             record["kind"] = line.kind
@@ -271,10 +207,6 @@ def shaded(cell: Cell) -> Cell:
 
 def _markdown_line(texts: Iterable[str]) -> str:
     return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"
-
-
-def _capitalised(title: str) -> str:
-    return title if title.startswith("μ") else title[:1].upper() + title[1:]
 
 
 def _no_formula(value: float | str | None) -> float | str | None:

@@ -6,48 +6,42 @@ imported, and every fault is one sentence.
 
 from __future__ import annotations
 
-import itertools
-import os
+import math
 import re
-import stat
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from sada_gym import __version__
 from sada_gym.board.results.entry import (
     CLAIMS,
     METADATA_FILE,
-    SAMPLES,
     VERIFIED,
     GroupFiles,
     read_metadata,
 )
 from sada_gym.board.results.models import EntryMetadata, Result, SeedResult
 from sada_gym.board.results.samples import read_samples
-from sada_gym.board.submission.claims import check_claims, check_coverage, check_samples, refuse
 from sada_gym.board.submission.current import current_experiment, current_target
-from sada_gym.board.submission.strict_json import check_strict_json
+from sada_gym.board.submission.files import MAX_BYTES, check_files, check_strict_json, refuse
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.record import Experiment
-from sada_gym.foundations.files import as_path, file_errors, shown
-from sada_gym.measures.coverage import NEAREST
+from sada_gym.foundations.files import as_path, shown
+from sada_gym.measures.coverage import NEAREST, fooling_coverage
+from sada_gym.measures.rates import attack_fooling_rate, mu_std
 
-MAX_FILES = 100  #: The most files of an entry.
-MAX_BYTES = {METADATA_FILE: 2**16, CLAIMS: 2**24, SAMPLES: 2**26, VERIFIED: 2**24}
-"""The most bytes of entry.toml, of the JSON of results, of their samples, and of findings."""
-
-MAX_ENTRY_BYTES = 2**27  #: The most bytes of all files of an entry.
-
-_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,150}")
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+!-]*")
 _LICENCE = re.compile(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*")
 _ADDRESS = re.compile(r"https?://[^\s<>\"'`\\]+")
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows
 _ARCHIVE_BYTES = 2**12  # an NPZ file adds less than this to the arrays of a result
 _MAX_DIMENSION = 2**12  # more than any application has
+_SLACK = 0.01  # of coverage, whose ties other processors may decide differently
+_NO_EDITING = "Do not edit claims; make the entry anew"
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
@@ -74,70 +68,6 @@ def find_outdated(experiment: Experiment) -> str | None:
         return shown(str(error))
     changes = differences(experiment.at(None).model_dump(), current.model_dump())
     return shown("; ".join(changes)) or None
-
-
-def check_files(folder: Path, *, submission: bool) -> list[str]:
-    """Check names, kinds and sizes of an entry's files, and return the names of its groups."""
-    where = f"in {folder}"
-    with file_errors("read", folder):
-        name = folder.absolute().name
-        if not _STEM.fullmatch(name) or _RESERVED.fullmatch(name):
-            allowed = "to be named by small letters, digits and - + . _"
-            refuse(allowed, "an entry's folder", shown(repr(name)), "Rename it")
-        if folder.is_symlink() or not stat.S_ISDIR(folder.lstat().st_mode):
-            raise UserError(f"Expected the folder of an entry, got {folder}, which is no folder.")
-        with os.scandir(folder) as listed:
-            files = list(itertools.islice(listed, MAX_FILES + 1))
-        if len(files) > MAX_FILES:
-            refuse(where, f"at most {MAX_FILES:,} files", "more", "Submit fewer results")
-        sizes = {file.name: _measure_file(folder, file, submission) for file in files}
-    if METADATA_FILE not in sizes:
-        refuse(where, METADATA_FILE, "none", "Make an entry by sada-gym submit")
-    limit, total = MAX_ENTRY_BYTES >> 20, sum(sizes.values())
-    if total > MAX_ENTRY_BYTES:
-        refuse(where, f"at most {limit} MiB", f"{total >> 20} MiB", "Submit fewer results")
-    return _check_pairs(folder, sizes)
-
-
-def _measure_file(folder: Path, file: os.DirEntry[str], submission: bool) -> int:
-    path, ending = folder / file.name, _ending(file.name)
-    if ending is None:
-        only = f"only {METADATA_FILE} and results"
-        refuse(f"in {folder}", only, shown(repr(file.name)), "Remove it")
-    status, limit = file.stat(follow_symlinks=False), MAX_BYTES[ending]
-    if not stat.S_ISREG(status.st_mode):
-        got, mend = "a link, a folder or a device", "Put the file itself there"
-        refuse(f"in {path}", "a regular file", got, mend)
-    if submission and ending == VERIFIED:
-        mend = "Remove it; the verifier writes such files"
-        refuse("in a submission", "no results of the verifier", path, mend)
-    if status.st_size > limit:
-        refuse(f"in {path}", f"at most {limit:,} bytes", f"{status.st_size:,}")
-    return status.st_size
-
-
-def _ending(name: str) -> str | None:
-    if name == METADATA_FILE:
-        return METADATA_FILE
-    for ending in (VERIFIED, CLAIMS, SAMPLES):
-        if name.endswith(ending) and _STEM.fullmatch(name.removesuffix(ending)):
-            return ending
-    return None
-
-
-def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
-    endings: dict[str, set[str]] = {}
-    for name in names:
-        if (ending := _ending(name)) not in (None, METADATA_FILE):
-            endings.setdefault(name.removesuffix(ending), set()).add(ending)
-    if not set().union(*endings.values()) & {CLAIMS, SAMPLES}:
-        refuse(f"in {folder}", "at least one result", "none")
-    for stem, present in sorted(endings.items()):
-        for ending in (CLAIMS, SAMPLES):
-            if ending not in present:
-                beside, mend = f"beside {stem}{min(present)}", "Add it, or remove the other file"
-                refuse(f"in {folder}", f"{stem}{ending} {beside}", "none", mend)
-    return sorted(endings)
 
 
 def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> None:
@@ -180,10 +110,10 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
             if claims.measures is None:
                 continue
             rows, seed = samples[place][claims.seed], f"for seed {claims.seed} of {place} in "
-            check_samples(f"{seed}{files.samples}", rows)
-            check_claims(f"{seed}{files.claims}", experiment, claims, rows)
+            _check_samples(f"{seed}{files.samples}", rows)
+            _check_claims(f"{seed}{files.claims}", experiment, claims, rows)
             if place in dimensions:
-                check_coverage(f"{seed}{files.claims}", experiment, claims, rows)
+                _check_coverage(f"{seed}{files.claims}", experiment, claims, rows)
     if not submission and files.verified.exists():
         check_strict_json(files.verified, MAX_BYTES[VERIFIED])
         places = [result.experiment.place for result in results]
@@ -304,3 +234,71 @@ def _read_samples(
             if rows.mu.shape != expected:
                 refuse(where, f"mu of shape {expected} of each seed", rows.mu.shape)
     return samples
+
+
+def _check_samples(where: str, samples: Evaluations) -> None:
+    """Check that samples lie in the box, and their scores between 0 and 1."""
+    outside = ~(np.abs(samples.mu) <= 1.0)  # a NaN is not <= 1 either
+    if outside.any():
+        refuse(where, "mu within [-1, 1]", samples.mu[outside][0])
+    outside = ~((samples.score >= 0.0) & (samples.score <= 1.0))
+    if outside.any():
+        refuse(where, "scores within [0, 1]", samples.score[outside][0])
+
+
+def _check_claims(
+    where: str, experiment: Experiment, claims: SeedResult, samples: Evaluations
+) -> None:
+    """Check what follows from the samples alone."""
+    measures = claims.measures
+    assert measures is not None
+    rate = attack_fooling_rate(samples.score, experiment.target.fooling_threshold)
+    low, high = measures.afr_interval_95
+    for name, claimed, value in (
+        ("fooled", measures.fooled, rate.fooled),
+        ("afr", measures.afr, rate.rate),
+        ("mean_score", measures.mean_score, float(samples.score.mean())),
+        ("mu_std", measures.mu_std, mu_std(samples.mu)),
+        ("afr_interval_95.0", low, rate.low),
+        ("afr_interval_95.1", high, rate.high),
+    ):
+        if not math.isclose(claimed, value, rel_tol=1e-9, abs_tol=1e-9):
+            refuse(where, f"{name} = {value}, as the samples give it,", claimed, _NO_EDITING)
+    feasible, count = measures.feasible, experiment.protocol.samples
+    if feasible is not None and not feasible.fooled <= feasible.worlds <= count:
+        got = f"{feasible.fooled:,} of {feasible.worlds:,}"
+        refuse(where, f"at most {count:,} feasible worlds", got)
+    covered = (measures.density, measures.coverage, measures.relative_coverage)
+    if experiment.target.reference is None and any(value is not None for value in covered):
+        refuse(where, "no coverage, as there is no reference set,", "one")
+    if measures.coverage is not None and measures.coverage > 1:
+        refuse(where, "a coverage of at most 1", measures.coverage)
+    smallest = min(_numbers(claims.model_dump(mode="json")))
+    if smallest < 0:
+        refuse(where, "no negative numbers", smallest)
+
+
+def _check_coverage(
+    where: str, experiment: Experiment, claims: SeedResult, samples: Evaluations
+) -> None:
+    """Compare coverage and density with those of today's reference set."""
+    measures, attacked = claims.measures, experiment.target
+    points = current_target(attacked.track, attacked.agent).fooling_set
+    if measures is None or points is None:
+        return
+    fooled = samples.fooled(attacked.fooling_threshold)
+    computed = fooling_coverage(samples.mu, fooled, points, seed=claims.seed)
+    for name, claimed, value in (
+        ("coverage", measures.coverage, computed.coverage),
+        ("density", measures.density, computed.density),
+    ):
+        if claimed is None or abs(claimed - value) > _SLACK * max(1.0, value):
+            refuse(where, f"{name} = {value}, as the samples give it,", claimed, _NO_EDITING)
+
+
+def _numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return _numbers(list(value.values()))
+    if isinstance(value, list):
+        return [number for item in value for number in _numbers(item)]
+    return [value] if isinstance(value, int | float) else []

@@ -12,7 +12,6 @@ from sada_gym import agents
 from sada_gym.board.results.entry import METADATA_FILE, EntryResult, read_entry
 from sada_gym.board.results.models import MAX_SEEDS, Result, SeedResult
 from sada_gym.board.submission.checks import check_entry, check_same_adversary
-from sada_gym.board.submission.claims import refuse
 from sada_gym.board.submission.current import (
     PAPER_BUDGETS,
     RULES,
@@ -20,6 +19,7 @@ from sada_gym.board.submission.current import (
     current_experiment,
     current_target,
 )
+from sada_gym.board.submission.files import refuse
 from sada_gym.errors import UserError
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.record import Experiment, RunReport

@@ -19,13 +19,9 @@ from sada_gym.board.results.entry import (
     write_results,
 )
 from sada_gym.board.results.models import MAX_SEEDS, EntryMetadata, Result, SeedResult
-from sada_gym.board.submission.checks import (
-    check_entry,
-    check_files,
-    check_metadata,
-    check_same_adversary,
-)
+from sada_gym.board.submission.checks import check_entry, check_metadata, check_same_adversary
 from sada_gym.board.submission.current import PAPER_BUDGETS, current_experiment, current_target
+from sada_gym.board.submission.files import check_files
 from sada_gym.board.submission.fragments import (
     ResultFragment,
     check_budget,

@@ -18,6 +18,7 @@ from sada_gym.board.results.entry import GroupFiles, read_entry, read_metadata, 
 from sada_gym.board.results.models import MAX_ERROR, SeedResult, Verified
 from sada_gym.board.submission.checks import check_entry, find_outdated
 from sada_gym.errors import UserError
+from sada_gym.evaluation.executors import Workers
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.record import Experiment, RunFailure
 
@@ -38,7 +39,7 @@ def work(out, chosen, references):
     reserve(out)
     entries = out / "entries"
     missing = find_missing(entries, plan)
-    do_runs(plan, missing.runs, out, entries, 1, Inline(), BenchmarkCallback())
+    do_runs(plan, missing.runs, out, entries, Workers(1, Inline()), BenchmarkCallback())
     return missing
 
 
@@ -273,10 +274,10 @@ def test_the_report_leaves_out_what_is_outdated(copied, references, tmp_path):
 
 
 def test_the_report_is_the_same_in_a_second_place(copied, whole, references):
-    first = report_benchmark(whole.parent, references, tables=WHOLE.tables)
-    second = report_benchmark(copied, references, tables=WHOLE.tables)
+    first = report_benchmark(whole.parent, references, suite=WHOLE)
+    second = report_benchmark(copied, references, suite=WHOLE)
     assert first.results == second.results
     text = (copied / "table.md").read_text()
     assert text == (whole.parent / "table.md").read_text()
     with pytest.raises(UserError, match="got none yet"):
-        report_benchmark(copied, references, tracks=["SADA-Digits-3-v0"])
+        report_benchmark(copied, references, suite=choose(WHOLE, tracks=["SADA-Digits-3-v0"]))

@@ -23,6 +23,7 @@ from sada_gym.board.benchmark.results import results_of
 from sada_gym.board.benchmark.run import report_benchmark
 from sada_gym.board.benchmark.schedule import do_runs
 from sada_gym.board.results.entry import read_entries
+from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.ideal import Ideal
@@ -47,7 +48,9 @@ def work(out, chosen, references, callback=None):
     plan = make_plan(chosen, references)
     reserve(out)
     entries = out / "entries"
-    do_runs(plan, list(plan.runs), out, entries, 1, Inline(), callback or BenchmarkCallback())
+    do_runs(
+        plan, list(plan.runs), out, entries, Workers(1, Inline()), callback or BenchmarkCallback()
+    )
     return plan
 
 
@@ -225,7 +228,9 @@ def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
     plan = make_plan(suite("toy:Greedy", track=LOGGED, budgets=(60,)), references)
     recorder = Recorder()
     with ThreadPoolExecutor(1) as executor:
-        do_runs(plan, list(plan.runs), tmp_path, tmp_path / "entries", 1, executor, recorder)
+        do_runs(
+            plan, list(plan.runs), tmp_path, tmp_path / "entries", Workers(1, executor), recorder
+        )
     stages = [progress.stage for _, progress in recorder.progress]
     assert stages[0] == "train"
     assert "test" in stages

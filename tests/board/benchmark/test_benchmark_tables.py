@@ -1,9 +1,9 @@
 import pytest
 from made_experiments import made_experiment, made_target
 
-from sada_gym.board.benchmark.report.tables import short_name, write_tables
 from sada_gym.board.benchmark.results import Comparison, Results
 from sada_gym.board.benchmark.suite import Budget, Table
+from sada_gym.board.benchmark.tables import short_name, write_tables
 from sada_gym.board.results.models import SeedResult
 from sada_gym.board.results.paper import CLASS_COLUMNS
 from sada_gym.board.results.rows import RunSummary

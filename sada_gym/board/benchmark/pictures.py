@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,8 @@ import numpy as np
 
 from sada_gym.analyses.plots.style import png
 from sada_gym.board.benchmark.folder import picture_folder
-from sada_gym.board.benchmark.report.tables import short_name
 from sada_gym.board.benchmark.results import Results
-from sada_gym.board.benchmark.targets import Targets
+from sada_gym.board.benchmark.tables import short_name
 from sada_gym.board.results.charts import (
     NOVELTY_PANELS,
     Curve,
@@ -25,11 +24,15 @@ from sada_gym.board.results.front import make_chart
 from sada_gym.board.results.rows import MEANS, RunSummary
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import slug
+from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.files import write_file
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Targets = Mapping[tuple[str, str], OpenTarget]
+"""Targets that are closed again, by track and agent."""
 
 
 def draw_benchmark(out: Path, results: Results, entries: Sequence[Entry], targets: Targets) -> None:
@@ -47,10 +50,8 @@ def _pictures(
 ) -> Iterator[tuple[Path, Figure | bytes]]:
     for comparison in results.comparisons:
         agent, runs, tracks = comparison.agent, comparison.runs, comparison.tracks
-        folder, title = (
-            picture_folder(out, comparison.table.name, agent),
-            ", ".join(comparison.names),
-        )
+        folder = picture_folder(out, comparison.table.name, agent)
+        title = ", ".join(comparison.names)
         over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
         if chart := make_chart(comparison.rows, f"{title}: {over}"):
             yield folder / "afr-coverage.svg", chart.svg().encode()
@@ -62,13 +63,9 @@ def _pictures(
             target, name = targets[track, agent], short_name(track)
             samples = _samples(entries, [run for run in runs if run.track == track])
             if samples:
-                figure = marginal_strips(
-                    target.parameters,
-                    samples,
-                    target.fooling_points,
-                    f"{title}: where samples lie, {name}",
-                )
-                yield folder / f"marginals-{slug(name)}.png", figure
+                above = f"{title}: where samples lie, {name}"
+                strips = marginal_strips(target.parameters, samples, target.fooling_points, above)
+                yield folder / f"marginals-{slug(name)}.png", strips
 
 
 def _curves(runs: Sequence[RunSummary]) -> list[Curve]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -171,7 +171,7 @@ class _ByTrack:
         }
 
 
-class _Column(NamedTuple):
+class _TrackColumn(NamedTuple):
     """A column of a table by track: one track or a mean, and the paper's rates by label."""
 
     title: str
@@ -186,21 +186,21 @@ class _Column(NamedTuple):
         return rate_cell(float(np.mean(own)) if whole else None)
 
 
-def _paper_columns(tracks: Collection[str]) -> list[_Column]:
+def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
     """Choose the columns of the paper's Table 1 for which there are tracks."""
     columns = []
     for title, track in paper.TABLE_1_COLUMNS.items():
         own = [track] if track else list(_CLASSES)
         if set(own) <= set(tracks):
             printed = paper.rates_of(paper.TABLE_1, track or paper.AVERAGE)
-            columns.append(_Column(title, own, printed, is_mean=track is None))
+            columns.append(_TrackColumn(title, own, printed, is_mean=track is None))
     return columns
 
 
-def _beside_the_paper(by_track: _ByTrack, columns: Sequence[_Column]) -> dict[str, list[Cell]]:
+def _beside_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> dict[str, list[Cell]]:
     """Lay the AFR out in columns beside the paper's, rank 1 in bold: a line for each label."""
 
-    def cell(column: _Column, label: str) -> Cell:
+    def cell(column: _TrackColumn, label: str) -> Cell:
         text, printed = column.cell(by_track.afr, label).text, column.printed.get(label)
         row = None if column.is_mean else by_track.rows.get((column.tracks[0], label))
         text = f"**{text}**" if row and row.is_first else text or "-"
@@ -210,30 +210,33 @@ def _beside_the_paper(by_track: _ByTrack, columns: Sequence[_Column]) -> dict[st
     return {label: [text_cell(label), *(cell(c, label) for c in columns)] for label in labels}
 
 
-def _like_the_paper(by_track: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
+def _section(title: str, titles: Sequence[str], lines: Iterable[Iterable[Cell]]) -> Iterator[str]:
+    yield from (title, "", *titled_table(titles, lines), "")
+
+
+def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iterator[str]:
     """Lay the AFR out like the paper's Table 1: ours / the paper's."""
     if columns:
         lines = _beside_the_paper(by_track, columns).values()
-        yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-        yield from titled_table(("adversary", *(column.title for column in columns)), lines)
-        yield from ("", _BESIDE_THE_PAPER, "")
+        title = "### Beside the paper's Table 1: AFR in %, ours / the paper's"
+        yield from _section(title, ("adversary", *(column.title for column in columns)), lines)
+        yield from (_BESIDE_THE_PAPER, "")
 
 
 def _rates(by_track: _ByTrack) -> Iterator[str]:
     """Show the AFR of every track, beside the paper's appendix where that has the class."""
-    tracks, classes = by_track.tracks, set(_CLASSES)
+    tracks, classes, of_class = by_track.tracks, set(_CLASSES), paper.CLASS_TABLE
     by_class = "### By class: AFR in %, ours / the paper's appendix"
     other = "### By track: AFR in %, where the paper has the track / the paper's"
-    yield from (by_class if set(tracks) <= classes else other, "")
     columns = [
-        _Column(short_name(track), [track], paper.rates_of(paper.CLASS_TABLE, track))
+        _TrackColumn(short_name(track), [track], paper.rates_of(of_class, track))
         for track in tracks
     ]
     whole = set(tracks) == classes
     average = paper.AVERAGE if whole else f"mean of {_tracks(len(tracks))}"
-    spreads = paper.rates_of(paper.CLASS_TABLE, "mu_std" if whole else "")
-    printed = paper.rates_of(paper.CLASS_TABLE, average)
-    columns.append(_Column(average, tracks, printed, is_mean=True))
+    spreads = paper.rates_of(of_class, "mu_std" if whole else "")
+    printed = paper.rates_of(of_class, average)
+    columns.append(_TrackColumn(average, tracks, printed, is_mean=True))
     lines = _beside_the_paper(by_track, columns)
     for label, cells in lines.items():
         row = by_track.overall.get(label)
@@ -242,18 +245,17 @@ def _rates(by_track: _ByTrack) -> Iterator[str]:
             cell = text_cell(f"{cell.text or '-'} / {spreads[label]:.3f}")
         cells.append(cell)
     titles = ("adversary", *(column.title for column in columns), MEANS["mu_std"].title)
-    yield from (*titled_table(titles, lines.values()), "")
+    yield from _section(by_class if set(tracks) <= classes else other, titles, lines.values())
 
 
-def _coverage(by_track: _ByTrack, title: str, columns: Sequence[_Column]) -> Iterator[str]:
+def _coverage(by_track: _ByTrack, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
     """Lay coverage out in columns; nothing where there is none."""
     if columns and by_track.coverage:
         lines = (
             (text_cell(label), *(column.cell(by_track.coverage, label) for column in columns))
             for label in by_track.overall
         )
-        titles = ("adversary", *(column.title for column in columns))
-        yield from (title, "", *titled_table(titles, lines), "")
+        yield from _section(title, ("adversary", *(column.title for column in columns)), lines)
 
 
 def _coverages(by_track: _ByTrack) -> Iterator[str]:
@@ -261,8 +263,8 @@ def _coverages(by_track: _ByTrack) -> Iterator[str]:
     covered = {track for track, _ in by_track.coverage}
     tracks = [track for track in by_track.tracks if track in covered]
     kind = "class" if set(tracks) <= set(_CLASSES) else "track"
-    columns = [_Column(short_name(track), [track]) for track in tracks]
-    columns.append(_Column(f"mean of {_tracks(len(tracks))}", tracks))
+    columns = [_TrackColumn(short_name(track), [track]) for track in tracks]
+    columns.append(_TrackColumn(f"mean of {_tracks(len(tracks))}", tracks))
     yield from _coverage(by_track, f"### By {kind}: coverage / ideal, %", columns)
 
 
@@ -271,18 +273,15 @@ def _targets(results: Results) -> Iterator[str]:
     lines = []
     for target in results.targets:
         reference, fingerprint = target.reference, target.application.fingerprint
-        fooling = rate_cell(reference.fooling / reference.points) if reference else None
         texts = (
-            target.track,
-            target.agent,
-            f"{target.fooling_threshold:g}",
+            *(target.track, target.agent, f"{target.fooling_threshold:g}"),
             f"{len(results.seeds_of(target))}",
             f"{reference.points:,}" if reference else "none",
-            f"{fooling.text} %" if fooling else "",
+            f"{100 * reference.fooling / reference.points:.1f} %" if reference else "",
             f"`{fingerprint[:12]}`" if fingerprint else "",
         )
-        lines.append([text_cell(text) for text in texts])
-    yield from ("## What was attacked", "", *titled_table(titles, lines), "")
+        lines.append(map(text_cell, texts))
+    yield from _section("## What was attacked", titles, lines)
 
 
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
