@@ -13,6 +13,7 @@ import numpy as np
 
 from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.errors import UserError, UserTypeError, described, explained
+from sada_gym.foundations.arrays import copied
 from sada_gym.foundations.determinism import generators_kept, one_thread
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class FunctionAgent:
         seeds = None if self._deterministic else episodes.agent_seeds(which)
         with one_thread(), nullcontext() if seeds is None else generators_kept():
             for row, i in enumerate(which.tolist()):
-                observation = deepcopy(episodes.observation(i))
+                observation = copied(episodes.observation(i))
                 if seeds is not None:
                     from sada_gym.agents.model_call import seed_generators
 

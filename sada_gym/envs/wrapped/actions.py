@@ -78,5 +78,5 @@ def _validate_choice(action: Any, space: spaces.Discrete, agent: str, where: str
 def clip_action(action: Any, space: spaces.Space[Any]) -> Any:
     """Clip a Box action to its space, in the space's type; return other actions as they are."""
     if isinstance(space, spaces.Box):
-        return np.clip(action, space.low, space.high).astype(space.dtype)
+        return np.asarray(action).clip(space.low, space.high).astype(space.dtype)
     return action

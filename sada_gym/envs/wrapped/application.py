@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
+from sada_gym.agents.functions import FunctionAgent
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.application import OnError, check_declared
@@ -23,6 +25,7 @@ from sada_gym.densities import WorldDensity
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.bindings import (
     Attribute,
+    Keyword,
     ParameterBinding,
     as_binding,
     as_json,
@@ -33,6 +36,7 @@ from sada_gym.envs.wrapped.episodes import EpisodeSpec, GymnasiumEpisodes
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.inspection import Inspection, check_ranges, check_unshared
+from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.loading import AgentLoader
 from sada_gym.envs.wrapped.paths import passed
 from sada_gym.envs.wrapped.pictures import EpisodePictures
@@ -58,6 +62,8 @@ _USUAL_FPS = 30
 _MOST_EPISODES = 100_000
 _MOST_WHOLE = 2**53
 _LONGEST_WAIT_S = 1e6  # sockets take twice as much
+_LANES = 16
+"""As many episodes as a network answers in one call."""
 _REGION_DRAWN, _REGION_FOUND = 10_000, 10
 """Worlds drawn to see whether the feasible region is large enough, and how many must lie in it."""
 
@@ -134,6 +140,10 @@ class GymnasiumApplication(EpisodePictures):
         num_envs: The most environments that are alive in a process at once, where an engine allows
             only so many: one is closed before the next is made. Scores stay the same, and worker
             processes have one each. None plays many worlds at once.
+        reuse: Whether an environment is reset for the next episode instead of made anew, which
+            saves costly constructors. No parameter may be a keyword of the constructor. Before the
+            first score counts, three worlds must go the same way in new environments and in one
+            that was reset.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -182,6 +192,7 @@ class GymnasiumApplication(EpisodePictures):
         agent_timeout: float = 300.0,
         privileged: Any = None,
         num_envs: int | None = None,
+        reuse: bool = False,
     ) -> None:
         check_integer("episodes", episodes, 1, _MOST_EPISODES)
         check_integer("sample_size", sample_size, 1, _MOST_WHOLE)
@@ -207,11 +218,13 @@ class GymnasiumApplication(EpisodePictures):
                 "Expected agent_timeout to be a number of seconds above 0 and of at most 1e6, got "
                 f"{agent_timeout!r}."
             )
-        if not isinstance(deterministic, bool):
-            raise UserTypeError(f"Expected deterministic to be a bool, got {deterministic!r}.")
+        for flag, given in {"deterministic": deterministic, "reuse": reuse}.items():
+            if not isinstance(given, bool):
+                raise UserTypeError(f"Expected {flag} to be a bool, got {given!r}.")
         self._on_error, self._timeout, self._episode_count = on_error, timeout, episodes
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
-        factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
+        kwargs = {} if env_kwargs is None else env_kwargs
+        factory = EnvFactory(environment, kwargs, max_steps, num_envs)
         statistics: Any = vec_normalize
         if statistics is not None and statistics is not False:
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
@@ -232,6 +245,7 @@ class GymnasiumApplication(EpisodePictures):
                 timeout,
                 inspection.nan_observed,
                 Derived.given(derived, bindings, factory, env),
+                self._keeper(bindings, factory, derived) if reuse else None,
                 num_envs,
             )
             factors = {
@@ -260,8 +274,9 @@ class GymnasiumApplication(EpisodePictures):
         if self._feasible.conditions:
             self.permits = self._possible
             self._check_region()
-        if num_envs is not None:
-            self._at_once = min(self._at_once, max(num_envs // episodes, 1))
+        if reuse and num_envs is None:  # more of them would be made than an agent has use for
+            lanes = 1 if isinstance(self.policy, FunctionAgent) else _LANES
+            self.episode_spec = replace(self.episode_spec, lanes=lanes)
         corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
         worlds = corners[self.permits(corners)]
         starts = self._starts(worlds, [0, 0][: len(worlds)])
@@ -295,6 +310,21 @@ class GymnasiumApplication(EpisodePictures):
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return bindings
 
+    def _keeper(
+        self,
+        bindings: Mapping[str, ParameterBinding],
+        factory: EnvFactory,
+        derived: Mapping[str, str] | None,
+    ) -> KeptEnvironments:
+        if keywords := [key for key, b in bindings.items() if isinstance(b, Keyword)]:
+            raise UserError(
+                "Expected parameters that an environment takes after it is made, with reuse=True, "
+                f"got {' and '.join(map(repr, keywords))} for the constructor. Name attributes, "
+                "reset options or functions instead, or leave reuse out."
+            )
+        kinds = (b.targets(key) for key, b in bindings.items() if isinstance(b, Attribute))
+        return KeptEnvironments(factory, (*chain.from_iterable(kinds), *(derived or {})))
+
     def _check_region(self) -> None:
         """Check that enough worlds are feasible; forget a nominal world that is not."""
         rng, found, drawn = np.random.default_rng(0), 0, 0
@@ -323,7 +353,9 @@ class GymnasiumApplication(EpisodePictures):
         self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
 
     def close(self) -> None:
-        """End the processes of agents that have one of their own."""
+        """End the processes of agents that have one of their own, and kept environments."""
+        if self.episode_spec.kept is not None:
+            self.episode_spec.kept.close()
         policies = [self.policy, *([] if self._privileged is None else [self._privileged.policy])]
         for policy in policies:
             if isinstance(policy, RemoteAgent):

@@ -25,11 +25,12 @@ from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOptio
 from sada_gym.envs.wrapped.derived import Derived, update_mujoco
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
+from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, broken_world, explained
 from sada_gym.evaluation import watch
-from sada_gym.foundations.arrays import Bytes, Floats, Indices
+from sada_gym.foundations.arrays import Bytes, Floats, Indices, copied
 from sada_gym.foundations.environment_variables import environment_variables
 from sada_gym.foundations.files import shown
 from sada_gym.foundations.frames import as_frame
@@ -83,6 +84,7 @@ class EpisodeSpec:
     """What all episodes of an application share; `agent` is its name, for messages.
 
     `nan_observed` says that the environment's observations hold NaN as it is, without an error.
+    Environments come from `kept` where there is one, and episodes go on in at most so many `lanes`.
     The others are arguments of `GymnasiumApplication`.
     """
 
@@ -97,7 +99,8 @@ class EpisodeSpec:
     timeout: float | None = None
     nan_observed: bool = False
     derived: Derived = field(default_factory=Derived)
-    num_envs: int | None = None
+    kept: KeptEnvironments | None = None
+    lanes: int | None = None
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
@@ -122,7 +125,7 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         self._pictures = pictures
         self.running: list[RunningEpisode] = []
         try:
-            before = resident_bytes()
+            before = resident_bytes() if together else 0
             for i, start in enumerate(starts):
                 full = together and i and i % together == 0
                 if full and (resident_bytes() - before) * (1 + together / i) > MEMORY_BYTES:
@@ -202,11 +205,11 @@ def in_groups(
     act: Callable[[GymnasiumEpisodes], Sequence[ResultT]],
     **options: Any,
 ) -> list[ResultT]:
-    """Begin episodes, no more than `num_envs` at once; `act` with each group, and join its results.
+    """Begin episodes, no more than `lanes` at once; `act` with each group, and join its results.
 
     One group is closed before the next begins. The options are those of `GymnasiumEpisodes`.
     """
-    most = spec.num_envs or max(len(starts), 1)
+    most = spec.lanes or max(len(starts), 1)
     results: list[ResultT] = []
     for first in range(0, len(starts), most):
         with closing(GymnasiumEpisodes(spec, starts[first : first + most], **options)) as episodes:
@@ -231,9 +234,10 @@ class RunningEpisode:
         self.rewards: list[float] = []
         self._frame_shape: tuple[int, ...] = ()
         self._seconds = 0.0
+        self._render_mode = "rgb_array" if pictures else None
         self.env: gym.Env[Any, Any] | None = None
         try:
-            self._timed(self._begin, "rgb_array" if pictures else None)
+            self._timed(self._begin, self._render_mode)
         except InvalidWorld as error:
             self._end_broken(error)
         except BaseException:
@@ -293,10 +297,10 @@ class RunningEpisode:
                 )
 
     def _end_broken(self, error: InvalidWorld) -> None:
+        self.ended, self.score, self.broken = True, np.nan, error.reason
         self.close()
         if self._spec.on_error == "raise":
             raise error
-        self.ended, self.score, self.broken = True, np.nan, error.reason
 
     def render(self) -> Bytes | None:
         """Draw a frame: black where the world broke, None where it broke before the first one.
@@ -324,9 +328,11 @@ class RunningEpisode:
         return np.array(frame)
 
     def close(self) -> None:
-        """Close the environment."""
+        """Close the environment, or give it back."""
         env, self.env = self.env, None
-        if env is not None:
+        if env is not None and self._spec.kept is not None and not self.broken:
+            self._spec.kept.give_back(self._recorder.env, self._render_mode)
+        elif env is not None:
             with suppress(Exception) if self.broken else nullcontext():
                 env.close()
 
@@ -421,8 +427,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
             self._infos.append(deepcopy(info))
         else:
             self._infos = [info]
-        # NumPy's own copy takes a third of the time
-        return observation.copy() if type(observation) is np.ndarray else deepcopy(observation)
+        return copied(observation)
 
     def _validate_reward(self, reward: Any) -> float:
         entry = self._spec.score.entry
@@ -488,7 +493,10 @@ def make_world(
 
     Its reset and its steps raise `InvalidWorld` where the world breaks. Its recorder comes, too.
     """
-    env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
+    if spec.kept is not None:
+        env = spec.kept.take(render_mode)
+    else:
+        env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
     recorder = _Recorder(env, spec, start)
     try:
         return _disturbed(recorder, spec, start), recorder

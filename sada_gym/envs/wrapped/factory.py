@@ -8,6 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
+from weakref import WeakSet
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
@@ -19,6 +20,9 @@ from sada_gym.foundations.ids import find_spec, receive_spec, sent_spec
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
 """An environment's id, `module:id`, or a function that makes one."""
 
+KEEPERS: WeakSet[Any] = WeakSet()
+"""What keeps environments between episodes, in this process; `close` ends these."""
+
 _NOT_PHYSICS = ("self", "render_mode")
 
 
@@ -27,13 +31,15 @@ class EnvFactory:
     """Makes environments: by an id, or by a function.
 
     `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit, and
-    "own" says that it ends its episodes by itself, although no wrapper shows it. It
-    raises `UserError` if there is no such environment, or it does not take the keywords.
+    "own" says that it ends its episodes by itself, although no wrapper shows it. Where `num_envs`
+    limits how many may be alive, those that are kept are closed before one is made. It raises
+    `UserError` if there is no such environment, or it does not take the keywords.
     """
 
     environment: EnvLike
     env_kwargs: Mapping[str, Any]
     max_steps: int | Literal["own"] | None
+    num_envs: int | None = None
 
     def __post_init__(self) -> None:
         """Check the environment's name and the keywords' names."""
@@ -104,6 +110,8 @@ class EnvFactory:
 
         It raises `UserError` if its constructor raises, or makes no environment.
         """
+        for keeper in [] if self.num_envs is None else [*KEEPERS]:
+            keeper.close()
         # copies: an environment may write into a dictionary that it is given
         all_keywords = {**deepcopy(dict(self.env_kwargs)), **keywords}
         by_id = isinstance(self.environment, str)

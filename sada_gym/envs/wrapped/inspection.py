@@ -170,7 +170,7 @@ def check_ranges(spec: EpisodeSpec, starts: list[EpisodeStart], seconds: float) 
     targets = [f"{root}{path}" for root, paths in places for path in paths]
     survey: Survey | None = None
     stale, told = dict[str, str](), ""
-    patience_s = np.inf if spec.num_envs == 1 else _PATIENCE_S + _SLOWER * seconds * len(starts)
+    patience_s = np.inf if spec.lanes == 1 else _PATIENCE_S + _SLOWER * seconds * len(starts)
 
     def look(episodes: GymnasiumEpisodes) -> list[Look]:
         nonlocal survey, told
@@ -184,15 +184,15 @@ def check_ranges(spec: EpisodeSpec, starts: list[EpisodeStart], seconds: float) 
                 looks.append(survey.look(world))
         return looks
 
-    def begin(num_envs: int | None) -> list[Look]:
-        strict = replace(spec, on_error="raise", num_envs=num_envs)
+    def begin(lanes: int | None) -> list[Look]:
+        strict = replace(spec, on_error="raise", lanes=lanes)
         with _within(patience_s, spec.factory.name):
             return in_groups(strict, starts if len(starts) > 1 else starts * 2, look)
 
     try:
-        looks = begin(spec.num_envs)
+        looks = begin(spec.lanes)
     except UserError as error:
-        if spec.num_envs == 1:
+        if spec.lanes == 1:
             raise
         begin(1)  # raises where a world fails alone, too
         reason = getattr(error, "reason", error)

@@ -162,6 +162,17 @@ def scale(env: Any, path: str, factor: float, *, after_reset: bool) -> None:
         _set(env, path, _scaled(current, factor, is_new))
 
 
+def restore(env: Any, first: Mapping[str, Any]) -> None:
+    """Set again what paths named at first, and forget the factors that acted since."""
+    for mark in (_BEFORE_RESET, _CHANGED):
+        vars(env).pop(mark, None)
+    for path, value in first.items():
+        if value is MISSING:
+            vars(env).pop(path, None)
+        elif read(env, path) is not MISSING:
+            _set(env, path, deepcopy(value))
+
+
 def _current(env: Any, path: str, *, must_exist: bool) -> Any:
     current = read(env, path)
     if current is MISSING and must_exist:

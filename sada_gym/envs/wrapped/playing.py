@@ -29,7 +29,7 @@ from sada_gym.envs.wrapped.episodes import (
 )
 from sada_gym.envs.wrapped.feasible import Feasible
 from sada_gym.envs.wrapped.loading import Privileged
-from sada_gym.envs.wrapped.repeats import Trace, check_repeats, trace
+from sada_gym.envs.wrapped.repeats import Trace, check_repeats, check_resets, trace
 from sada_gym.envs.wrapped.scores import Length
 from sada_gym.errors import plain
 from sada_gym.evaluation.watch import is_watched, world_key
@@ -86,7 +86,8 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         Returns:
             The environment, and the keywords for its `reset`, without which it is another world.
         """
-        spec = replace(self.episode_spec, score=Length(1))  # one that keeps no observations
+        # a score that keeps no observations
+        spec = replace(self.episode_spec, score=Length(1), kept=None)
         if mu is None:
             spec, values = replace(spec, bindings={}, derived=Derived()), {}
         else:
@@ -173,11 +174,12 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             return episodes.running
 
         left, each = np.flatnonzero(self.permits(mu)).tolist(), self._episode_count
+        together = 0 if self.episode_spec.lanes else each
         while left:
             worlds = left[: self._at_once]
             starts = self._starts(mu[worlds], [seeds[i] for i in worlds])
             with isolated_rng(self):
-                running = in_groups(self.episode_spec, starts, to_end, together=each)
+                running = in_groups(self.episode_spec, starts, to_end, together=together)
             count = len(running) // each
             if count < len(worlds):  # memory that was freed may not be seen the next time
                 self._at_once = count
@@ -195,7 +197,12 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             others = shares * mu[0] - np.float32(0.01)
             others = others[self.permits(others)]
             mu, seeds = np.concatenate([mu, others]), [*seeds, *(len(others) * seeds[:1])]
-        together = self._answers(mu, seeds)
+        spec = self.episode_spec
+        try:
+            self.episode_spec = replace(spec, kept=None)  # in new environments
+            together = self._answers(mu, seeds)
+        finally:
+            self.episode_spec = spec
         alone = [self._answers(mu[i : i + 1], seeds[i : i + 1])[0] for i in range(len(mu))]
         if not same_answer(together, alone):
             self._check_environment_repeats(mu, seeds)
@@ -208,16 +215,23 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
     def _check_environment_repeats(self, mu: Mu, seeds: list[int]) -> None:
         """Raise `UserError` if the same actions lead elsewhere, alone or beside other worlds."""
 
-        def traced(worlds: slice, given: Sequence[Trace] = ()) -> list[Trace]:
+        def traced(
+            worlds: slice, given: Sequence[Trace] = (), *, kept: bool = False
+        ) -> list[Trace]:
             left = iter(given)
+            spec = self.episode_spec if kept else replace(self.episode_spec, kept=None)
 
             def follow(episodes: GymnasiumEpisodes) -> list[Trace]:
                 with single_threaded():
                     return trace(self.policy, episodes, [*islice(left, len(episodes))])
 
-            return in_groups(self.episode_spec, self._starts(mu[worlds], seeds[worlds]), follow)
+            return in_groups(spec, self._starts(mu[worlds], seeds[worlds]), follow)
 
-        check_repeats(self.episode_spec.factory.name, traced, seeds, self._episode_count)
+        name, each = self.episode_spec.factory.name, self._episode_count
+        together = check_repeats(name, traced, seeds, each)
+        if self.episode_spec.kept is not None:
+            again = traced(slice(None), together, kept=True)
+            check_resets(name, together, again, seeds, each)
 
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""

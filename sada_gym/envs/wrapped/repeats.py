@@ -51,7 +51,7 @@ def trace(
 
 def check_repeats(
     name: str, traced: Callable[..., list[Trace]], seeds: list[int], count: int
-) -> None:
+) -> list[Trace]:
     """Play worlds of `count` episodes each together, and each alone by the same actions.
 
     `traced` plays a slice of them by the agent, or by the actions of given traces.
@@ -63,18 +63,72 @@ def check_repeats(
     for i, seed in enumerate(seeds):
         own = slice(i * count, (i + 1) * count)
         first, second = (traced(slice(i, i + 1), together[own]) for _ in range(2))
-        if not same_answer(first, second):
+        if told := _difference(first, second):
             raise UserError(
                 f"Expected episodes of {name} that follow from their seed, but the world of "
                 f"seed {seed} went otherwise when the same actions were played again. The "
                 "environment is random, and not the agent: let it draw from its own np_random "
-                "and not from numpy.random or random, and let its episodes share nothing."
+                "and not from numpy.random or random, and let its episodes share nothing. "
+                f"At first {told}."
             )
-        if not same_answer(first, together[own]):
+        if told := _difference(together[own], first):
             raise UserError(
                 f"Expected episodes of {name} that share nothing, but with the same actions "
-                f"the world of seed {seed} went otherwise beside other worlds than alone. Look "
-                "for what the class or its module holds, such as a dictionary, a list or a "
+                f"the world of seed {seed} went otherwise beside other worlds than alone. "
+                "Look for what the class or its module holds, such as a dictionary, a list or a "
                 "generator, and make it anew in reset; or set num_envs=1, where a process can hold "
-                "one environment only."
+                f"one environment only. At first {told}."
             )
+    return together
+
+
+def check_resets(
+    name: str, fresh: Sequence[Trace], kept: Sequence[Trace], seeds: list[int], count: int
+) -> None:
+    """Raise `UserError` if an environment that was reset goes another way than a new one."""
+    for i, seed in enumerate(seeds):
+        own = slice(i * count, (i + 1) * count)
+        if told := _difference(fresh[own], kept[own]):
+            raise UserError(
+                f"Expected reset of {name} to undo all that earlier episodes did, as reuse=True "
+                f"needs, but the world of seed {seed} went otherwise than in a new environment: "
+                f"{told}. Make it anew in reset, or leave reuse out."
+            )
+
+
+def _difference(some: Sequence[Trace], others: Sequence[Trace]) -> str:
+    """Say where episodes first differ; "" where they do not."""
+    for one, other in zip(some, others, strict=True):
+        for step, (left, right) in enumerate(
+            zip(one.observations, other.observations, strict=False)
+        ):
+            if not same_answer(left, right):
+                when = (
+                    f"after step {step}" if step else "after its reset, which may ignore the seed"
+                )
+                return f"{_entry(left, right)} right {when}"
+        for step, (left, right) in enumerate(zip(one.rewards, other.rewards, strict=False), 1):
+            if not same_answer(left, right):
+                return f"the reward of step {step} was {left:g}, then {right:g}"
+        if len(one.rewards) != len(other.rewards):
+            return f"it ended after {len(one.rewards)} steps, then after {len(other.rewards)}"
+    return ""
+
+
+def _entry(one: Any, other: Any, name: str = "observation") -> str:
+    """Name the first entry in which two observations differ, and its values."""
+    if isinstance(one, dict | tuple) and type(one) is type(other) and len(one) == len(other):
+        keys = one if isinstance(one, dict) else range(len(one))
+        return next(
+            _entry(one[key], other[key], f"{name}[{key!r}]")
+            for key in keys
+            if not same_answer(one[key], other[key])
+        )
+    left, right = np.asarray(one), np.asarray(other)
+    if left.shape != right.shape:
+        return f"the {name} had shape {left.shape}, then {right.shape}"
+    if left.shape:
+        differing = np.argwhere(~((left == right) | ((left != left) & (right != right))))
+        i = tuple(differing[0].tolist()) if len(differing) else (0,) * left.ndim  # 0.0 and -0.0
+        name, left, right = f"{name}{[*i]}", left[i], right[i]
+    return f"{name} was {left}, then {right}"
