@@ -127,23 +127,17 @@ def attack(
         _progress(progress, on_progress) as report,
         OpenTarget.of(environment, env_kwargs, workers=workers) as opened,
     ):
-        name, kind = name_and_class(adversary)
-        spec = AdversarySpec.of(name, preset, options)
-        solver = spec.make(opened.dimension, seed=seed, ideal_set=opened.ideal_set, kind=kind)
-        count = opened.sample_size if samples is None else samples
-        check_integer("samples", count, 1, MAX_QUERIES)
-        settings = RunSettings(
-            experiment=Experiment(
-                target=opened.target,
-                adversary=spec.resolve(kind=kind),
-                protocol=Protocol(budget=budget, samples=count),
-                seed=seed,
-            ),
-            label=name,
-            packages=packages(opened.application, type(solver)),
+        solver, settings = _prepared(
+            opened,
+            adversary,
+            budget=budget,
+            samples=samples,
+            seed=seed,
+            preset=preset,
+            options=options,
         )
         if not (folder / RESULT_FILE).exists():
-            for sentence in _says_little(name, budget, count):
+            for sentence in _says_little(settings):
                 warnings.warn(sentence, Notice, stacklevel=2)
         record = RunRecord(settings=settings, given=Given.of(environment, env_kwargs or {}))
         with file_errors("make the folder", folder):
@@ -151,17 +145,7 @@ def attack(
         run = read_finished(folder, settings, opened.dimension) if resume else None
         if run is None:
             run = _train_and_test(reserved, settings, solver, opened, report)
-        known = run.diagnosis if diagnose else None
-        if diagnose and known is None:
-            report(RunProgress("diagnose"))
-        is_new = analyse(
-            run,
-            opened,
-            rules=diagnose,
-            diagnosis=known,
-            confirm=confirm,
-            on_scores=lambda stage, *counts: report(RunProgress(stage, *counts)),
-        )
+        is_new = _diagnosed(run, opened, diagnose=diagnose, confirm=confirm, on_progress=report)
         frames: dict[int, Frame] = {}
         if pictures:
             anew = not run.was_finished
@@ -177,20 +161,64 @@ def attack(
     return replace(run, kept=kept)
 
 
-def _says_little(adversary: str, budget: int, samples: int) -> Iterator[str]:
+def _prepared(
+    opened: OpenTarget,
+    adversary: str | type[Adversary],
+    *,
+    budget: int,
+    samples: int | None,
+    seed: int,
+    preset: str | None,
+    options: Mapping[str, Any] | None,
+) -> tuple[Adversary, RunSettings]:
+    """Make the adversary, and the record of the run."""
+    name, kind = name_and_class(adversary)
+    spec = AdversarySpec.of(name, preset, options)
+    solver = spec.make(opened.dimension, seed=seed, ideal_set=opened.ideal_set, kind=kind)
+    count = opened.sample_size if samples is None else samples
+    check_integer("samples", count, 1, MAX_QUERIES)
+    experiment = Experiment(
+        target=opened.target,
+        adversary=spec.resolve(kind=kind),
+        protocol=Protocol(budget=budget, samples=count),
+        seed=seed,
+    )
+    used = packages(opened.application, type(solver))
+    return solver, RunSettings(experiment=experiment, label=name, packages=used)
+
+
+def _says_little(settings: RunSettings) -> Iterator[str]:
     """Say, before anything is spent, why a result will say nothing."""
-    if adversary not in _LEARN_NOTHING and budget < _FEWEST_QUERIES:
+    adversary, protocol = settings.label, settings.experiment.protocol
+    if adversary not in _LEARN_NOTHING and protocol.budget < _FEWEST_QUERIES:
         yield (
-            f"By {budget:,} queries {adversary} can hardly learn where the agent fails. Give it at "
-            f"least {_FEWEST_QUERIES}, better some hundred (--budget, budget=)."
+            f"By {protocol.budget:,} queries {adversary} can hardly learn where the agent fails. "
+            f"Give it at least {_FEWEST_QUERIES}, better some hundred (--budget, budget=)."
         )
-    if samples < _FEWEST_SAMPLES:
+    if (samples := protocol.samples) < _FEWEST_SAMPLES:
         low = wilson_interval(samples, samples)[0]
         yield (
             f"The fooling rate of so few samples ({samples}) says little: if all of them fooled, "
             f"it could be {percent(low)} as well. Draw at least {_FEWEST_SAMPLES} (--samples, "
             "samples=)."
         )
+
+
+def _diagnosed(
+    run: Run, opened: OpenTarget, *, diagnose: bool, confirm: int, on_progress: OnProgress
+) -> bool:
+    """Diagnose a run, unless it is, and list failures; return whether that changed its folder."""
+    known = run.diagnosis if diagnose else None
+    if diagnose and known is None:
+        on_progress(RunProgress("diagnose"))
+    return analyse(
+        run,
+        opened,
+        rules=diagnose,
+        diagnosis=known,
+        confirm=confirm,
+        on_scores=lambda stage, *counts: on_progress(RunProgress(stage, *counts)),
+    )
 
 
 def _train_and_test(
