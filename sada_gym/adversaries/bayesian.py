@@ -11,7 +11,7 @@ from threadpoolctl import ThreadpoolController
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureAdversary
-from sada_gym.adversaries.models.expected_improvement import MIN_CANDIDATES, Search
+from sada_gym.adversaries.models.expected_improvement import MIN_CANDIDATES, ImprovementSearch
 from sada_gym.adversaries.models.mixture import fit_best_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform, select_fooling
@@ -95,8 +95,9 @@ def minimise(
     fitted to all evaluations. Q is noisy, so the incumbent is the lowest posterior mean at an
     evaluated point (expected improvement with plug-in: Picheny, Wagner & Ginsbourger 2013, "A
     benchmark of kriging-based infill criteria for noisy optimization"). Kernel and candidates (see
-    `Search`) are renewed whenever the evaluations have doubled. In a batch, a point counts as if
-    it scored its posterior mean ("kriging believer": Ginsbourger, Le Riche & Carraro 2010).
+    `ImprovementSearch`) are renewed whenever the evaluations have doubled. In a batch, a point
+    counts as if it scored its posterior mean ("kriging believer": Ginsbourger, Le Riche & Carraro
+    2010).
 
     Returns:
         All evaluations: those of before, `queries`, at least one, and the new ones in order.
@@ -109,7 +110,7 @@ def minimise(
     kernel = None
     for stop in stages(len(queries), len(queries) + oracle.remaining):
         with one_thread():
-            search = Search(
+            search = ImprovementSearch(
                 queries.mu, queries.score, kernel, rng, candidates=candidates, capacity=stop
             )
         while len(queries) < stop:

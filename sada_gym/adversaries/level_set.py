@@ -21,18 +21,22 @@ from sada_gym.measures.coverage import density_and_coverage
 from sada_gym.parameters import Mu
 
 MIN_BUDGET = 20
+"""Fewer queries fit no surrogate: its trees are judged by folds of them."""
 
-_POOL_PER_QUERY = 10
-_MIN_POOL, _MAX_POOL = 2_000, 20_000
-_MAX_POOLS = 10
+_POOL_PER_QUERY, _MIN_POOL, _MAX_POOL, _MAX_POOLS = 10, 2_000, 20_000, 10
+"""Random mu among which queries are chosen; and at most so many pools to find the level set in."""
 _MIN_SET = 1_000
-_RARE = 0.002
-_WALK_STEPS = 60
+"""Points that tell the level set's shape and its coverage."""
+_RARE, _WALK_STEPS = 0.002, 60
+"""A set with a smaller share of the box is sampled by a walk of so many steps."""
 _LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
+"""Levels above 1/2 that are tried in this order."""
 _SAMPLES, _DRAWS = 250, 10
+"""Coverage is predicted for so many samples, and averaged over so many draws of them."""
 _MAX_TRIAL, _PREDICTION, _SURE, _BEHIND = 200, 50, 0.9, 0.1
-_CHECKS = 0.4
-_MIN_KEPT = 20
+"""The trial of hits; see `_try_hits`."""
+_CHECKS, _MIN_KEPT = 0.4, 20
+"""Where hits pay: the share of a round that checks them; with fewer that stood it none is used."""
 
 
 @dataclass(frozen=True)
@@ -253,8 +257,7 @@ class LevelSet(FittedAdversary):
         return {"hits_pay": np.array([self.hits_pay], np.uint8)}
 
     def restore(self, arrays: Arrays) -> None:
-        # an adversary saved before hits were tried has no such array, and samples the level set
-        self.hits_pay = "hits_pay" in arrays and bool(validate_array(arrays, "hits_pay", 1)[0])
+        self.hits_pay = bool(validate_array(arrays, "hits_pay", 1)[0])
         super().restore(arrays)
 
     def draw(self, n: int) -> AnyFloats:

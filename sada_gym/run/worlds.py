@@ -31,7 +31,7 @@ _FIXED = ("role", "row", "score", "fooled", "invalid", "seed", "weakness", "beha
 _CHUNK = 10_000
 
 
-class Column(Strict):
+class ParameterColumn(Strict):
     """A parameter, with the fields of `Parameter`, and its `column` in worlds.csv."""
 
     column: OneLine
@@ -50,10 +50,10 @@ class Column(Strict):
         return Parameter(**{name: getattr(self, name) for name in _PARAMETER})
 
 
-_PARAMETER = tuple(name for name in Column.model_fields if name != "column")
+_PARAMETER = tuple(name for name in ParameterColumn.model_fields if name != "column")
 
 
-class Entry(Strict):
+class LegendRow(Strict):
     """An entry of the legend of an application's frames, see `LegendEntry`."""
 
     text: OneLine
@@ -70,8 +70,8 @@ class WorldColumns(Strict):
         command: The command that made the run, without --out; empty where none can.
     """
 
-    parameters: tuple[Column, ...]
-    legend: tuple[Entry, ...] = ()
+    parameters: tuple[ParameterColumn, ...]
+    legend: tuple[LegendRow, ...] = ()
     command: OneLine = ""
 
     @classmethod
@@ -87,7 +87,7 @@ class WorldColumns(Strict):
                 name += " (parameter)"
             taken.add(name)
             fields = {field: getattr(parameter, field) for field in _PARAMETER}
-            parameters.append(Column(column=name, **fields))
+            parameters.append(ParameterColumn(column=name, **fields))
         return cls(parameters=tuple(parameters), legend=_legend(application), command=command)
 
     @property
@@ -96,10 +96,10 @@ class WorldColumns(Strict):
         return ParameterSpace(*(column.parameter for column in self.parameters))
 
 
-def _legend(application: Application) -> tuple[Entry, ...]:
+def _legend(application: Application) -> tuple[LegendRow, ...]:
     try:
         given = [LegendEntry(*entry) for entry in application.legend]
-        return tuple(Entry(text=e.text, colour=e.colour, mark=e.mark) for e in given)
+        return tuple(LegendRow(text=e.text, colour=e.colour, mark=e.mark) for e in given)
     except Exception:  # a user's code: the sheet of failures tells what is wrong with it
         return ()
 

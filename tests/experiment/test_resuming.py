@@ -147,7 +147,7 @@ def test_a_finished_run_with_a_damaged_result_makes_it_again(tmp_path):
     first = run(tmp_path)
     path = tmp_path / "result.json"
     report = json.loads(path.read_text())
-    del report["where"]
+    del report["flags"]
     path.write_text(json.dumps(report))
     again = run(tmp_path, resume=True)
     assert not again.was_finished

@@ -40,7 +40,7 @@ def lowest(values: Floats, count: int) -> Indices:
     return among[np.argsort(values[among], kind="stable")[:count]]
 
 
-class Search:
+class ImprovementSearch:
     """Chooses points one after another under one fit of the kernel.
 
     The candidates are a scrambled Sobol sequence. Every 8 steps, neighbours of the best candidates

@@ -22,7 +22,7 @@ Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Failure:
+class ShownFailure:
     """A sample that fooled the agent, by its row, and how many others are hardly different.
 
     `stands_for` is the share of all fooling samples that a typical one is nearest to, else None.
@@ -34,26 +34,26 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Failures:
+class ShownFailures:
     """Three groups of failures, without a sample twice.
 
     The worst have the lowest Q, of equal ones the most typical; the typical are the medoids of the
     rest; the diverse lie farthest from all that are shown already.
     """
 
-    worst: tuple[Failure, ...]
-    typical: tuple[Failure, ...]
-    diverse: tuple[Failure, ...]
+    worst: tuple[ShownFailure, ...]
+    typical: tuple[ShownFailure, ...]
+    diverse: tuple[ShownFailure, ...]
 
     @property
-    def shown(self) -> tuple[Failure, ...]:
+    def shown(self) -> tuple[ShownFailure, ...]:
         """All of them."""
         return self.worst + self.typical + self.diverse
 
 
 def choose_failures(
     space: ParameterSpace, samples: Evaluations, threshold: float, counts: tuple[int, int, int]
-) -> Failures:
+) -> ShownFailures:
     """Choose samples that fool the agent, the same ones for the same samples.
 
     Of samples that are `ALIKE` only the one with the lowest Q may be shown. `counts` are the
@@ -61,7 +61,7 @@ def choose_failures(
     """
     rows = np.flatnonzero(samples.fooled(threshold))[:_MOST]
     if not len(rows):
-        return Failures((), (), ())
+        return ShownFailures((), (), ())
     places, score = features(space, samples.mu[rows]), samples.score[rows]
     apart = _distances(places)
     unlike, leader = _unlike(places, apart, np.lexsort((apart.mean(axis=1), score)))
@@ -72,10 +72,10 @@ def choose_failures(
     diverse = _farthest(apart, np.concatenate([worst, typical]), others, counts[2])
     share_of = dict(zip(typical.tolist(), shares.tolist(), strict=True))
     groups = (
-        tuple(Failure(int(rows[i]), int(alike[i]), share_of.get(i)) for i in group.tolist())
+        tuple(ShownFailure(int(rows[i]), int(alike[i]), share_of.get(i)) for i in group.tolist())
         for group in (worst, typical, diverse)
     )
-    return Failures(*groups)
+    return ShownFailures(*groups)
 
 
 def features(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> Array:

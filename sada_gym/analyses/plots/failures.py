@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.analyses.plots.failure_choice import Failure, choose_failures
+from sada_gym.analyses.plots.failure_choice import ShownFailure, choose_failures
 from sada_gym.analyses.plots.failure_sheet import FrameGroup, columns_for, failure_sheet
 from sada_gym.application import Application, isolated_rng
 from sada_gym.errors import described
@@ -43,7 +43,7 @@ def draw_failures(
     space, threshold = application.parameters, application.fooling_threshold
     source = f"{type(application).__name__}.render"
 
-    def frames(shown: Sequence[Failure]) -> Iterator[Frame]:
+    def frames(shown: Sequence[ShownFailure]) -> Iterator[Frame]:
         rows = [failure.sample for failure in shown]
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
@@ -105,7 +105,7 @@ def _legend(application: Application) -> tuple[LegendEntry, ...]:
     return entries or (LegendEntry(f"Frames as {name} draws them."),)
 
 
-def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | None) -> str:
+def _caption(failure: ShownFailure, samples: Evaluations, space: ParameterSpace | None) -> str:
     parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
     if failure.stands_for is not None:
         parts.append(f"stands for {100 * failure.stands_for:.0f} %")

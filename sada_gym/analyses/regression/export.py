@@ -59,7 +59,7 @@ class Exported:
 
 
 @dataclass(frozen=True)
-class _World:
+class _Tried:
     """A world with its fresh seeds, and for how many of them it fooled."""
 
     row: int
@@ -174,9 +174,9 @@ class _Chooser:
         named = zip(found, repeated, strict=True)
         return tuple(cases), tuple(group.where for group, worlds in named if worlds), unconfirmed
 
-    def _controls(self, failures: list[int]) -> dict[int, _World]:
+    def _controls(self, failures: list[int]) -> dict[int, _Tried]:
         free = {*np.flatnonzero(~self._fooled & ~self._known.invalid).tolist()}
-        found: dict[int, _World] = {}
+        found: dict[int, _Tried] = {}
         for _ in range(_ROUNDS):
             open_rows = [row for row in failures if row not in found]
             matched = match(self._points[open_rows], self._points, free)
@@ -188,7 +188,7 @@ class _Chooser:
                     found[open_rows[place]] = tried[row]
         return found
 
-    def _confirmed(self, rows: Indices) -> dict[int, _World]:
+    def _confirmed(self, rows: Indices) -> dict[int, _Tried]:
         """Evaluate worlds on fresh seeds; with none of them take what is known."""
         count, known = self._confirm, self._known[rows]
         if count:
@@ -210,13 +210,13 @@ class _Chooser:
         counts = fresh.fooled_seeds.tolist()
         verdicts = map(verdict_of, fresh.fooled, fresh.invalid)
         return {
-            row: _World(row, own, fooled_seeds, verdict)
+            row: _Tried(row, own, fooled_seeds, verdict)
             for row, own, fooled_seeds, verdict in zip(
                 rows.tolist(), seeds, counts, verdicts, strict=True
             )
         }
 
-    def _case(self, world: _World, name: str, group: int) -> Case:
+    def _case(self, world: _Tried, name: str, group: int) -> Case:
         assert world.verdict is not None
         mu: Mu = self._known.mu[world.row]
         return Case(

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections import Counter
 
 from sada_gym.analyses.regression.compare import BROKEN, Change
-from sada_gym.analyses.regression.regress import Regression, World
+from sada_gym.analyses.regression.regress import CaseResult, Regression
 from sada_gym.foundations.files import shown
 
 _SHOWN = 20
@@ -44,7 +44,7 @@ def junit(result: Regression) -> bytes:
     return text + b"\n"
 
 
-def _test_case(suite: ET.Element, result: Regression, world: World) -> None:
+def _test_case(suite: ET.Element, result: Regression, world: CaseResult) -> None:
     case = world.case
     group = result.groups[case.group - 1]
     element = ET.SubElement(
@@ -75,7 +75,7 @@ def _properties(parent: ET.Element, values: dict[str, str]) -> None:
         ET.SubElement(properties, "property", {"name": name, "value": value})
 
 
-def _outcome(world: World) -> str:
+def _outcome(world: CaseResult) -> str:
     if world.invalid:
         return f"{world.invalid} of {len(world.scores)} seeds break the world"
     return f"Q = {', '.join(f'{score:.3g}' for score in world.scores)}"

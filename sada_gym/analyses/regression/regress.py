@@ -36,7 +36,7 @@ from sada_gym.foundations.files import OneLine, Strict, parse_toml, shown
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
 
 
-class World(Strict):
+class CaseResult(Strict):
     """What became of a world of the suite.
 
     Attributes:
@@ -76,7 +76,7 @@ class Regression(Strict):
     decision: Decision
     differences: tuple[OneLine, ...]
     groups: tuple[OneLine, ...]
-    worlds: tuple[World, ...]
+    worlds: tuple[CaseResult, ...]
 
     @property
     def exit_code(self) -> int:
@@ -159,7 +159,7 @@ def regress(
 
 
 @dataclass(frozen=True, eq=False)
-class _Result:
+class _Scored:
     """What an agent got in the suite's worlds: evaluations (n seeds in all), by world."""
 
     opened: OpenTarget
@@ -172,9 +172,9 @@ class _Result:
     def target(self) -> Target:
         return self.opened.target
 
-    def world(self, i: int, before: Verdict | None, case: Case) -> World:
+    def world(self, i: int, before: Verdict | None, case: Case) -> CaseResult:
         rows = self.rows[i]
-        return World(
+        return CaseResult(
             case=case,
             before=before,
             now=self.verdicts[i],
@@ -186,7 +186,7 @@ class _Result:
 
 def _score(
     suite: Suite, path: Path, there: OpenTarget, store: Path | None, on_scores: OnScores
-) -> _Result:
+) -> _Scored:
     mu, clipped = map_samples(
         suite.mu, suite.parameters, there.parameters, str(path), str(there.target)
     )
@@ -198,7 +198,7 @@ def _score(
     fooled = scored.fooled(suite.test_item.target.fooling_threshold)
     ends = np.cumsum(counts).tolist()
     rows = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-    return _Result(
+    return _Scored(
         opened=there,
         rows=rows,
         scored=scored,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from sada_gym.analyses.report.thumbnails import (
-    World,
+    PicturedWorld,
     draw,
     read_thumbnails,
     spread,
@@ -132,7 +132,7 @@ def with_pictures(view: RunView, drawn: Mapping[str, bytes]) -> dict[str, bytes]
         return ordered
 
 
-def missing_pictures(view: RunView, wanted: int | None = None) -> list[World]:
+def missing_pictures(view: RunView, wanted: int | None = None) -> list[PicturedWorld]:
     """List the worlds whose pictures are missing: of the first screen, and `wanted` others."""
     wanted = usual_count(len(view.samples) + len(view.queries)) if wanted is None else wanted
     worlds = [world for worlds in highlights(view) for world in worlds]

@@ -33,7 +33,7 @@ _MOST_DRAWN, _SHARE = 24, 50
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class PicturedWorld:
     """A world that was evaluated: mu, (d,), its seed, Q, and its row among the samples, if any."""
 
     mu: Floats32
@@ -49,9 +49,9 @@ class World:
         return hashlib.blake2b(mu + seed, digest_size=8).hexdigest()
 
 
-def sample(samples: Evaluations, row: int) -> World:
+def sample(samples: Evaluations, row: int) -> PicturedWorld:
     """Return a test sample by its row."""
-    return World(samples.mu[row], int(samples.seed[row]), float(samples.score[row]), row)
+    return PicturedWorld(samples.mu[row], int(samples.seed[row]), float(samples.score[row]), row)
 
 
 def picture_of(frame: Frame) -> bytes:
@@ -78,7 +78,7 @@ def plot_of(path: Path) -> bytes | None:
 
 
 def read_thumbnails(folder: Path) -> dict[str, bytes]:
-    """Read a run's thumbnails by `World.key`; none where their file is missing or damaged."""
+    """Read thumbnails by `PicturedWorld.key`; none where their file is missing or damaged."""
     path = folder / THUMBNAILS_FILE
     if not path.is_file():
         return {}
@@ -115,7 +115,7 @@ def fitting(pictures: Mapping[str, bytes], runs: int = 1) -> dict[str, bytes]:
 
 def draw(
     application: Application,
-    worlds: Sequence[World],
+    worlds: Sequence[PicturedWorld],
     on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
 ) -> dict[str, bytes]:
     """Draw worlds; an application without pictures draws none, one that fails those before.
@@ -137,7 +137,7 @@ def draw(
     return drawn
 
 
-def spread(samples: Evaluations, threshold: float, count: int) -> list[World]:
+def spread(samples: Evaluations, threshold: float, count: int) -> list[PicturedWorld]:
     """Choose so many samples evenly over the scores: half of them failures, if there are."""
     order = np.argsort(samples.score, kind="stable")
     fooled = samples.fooled(threshold)[order]

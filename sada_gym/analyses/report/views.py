@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from sada_gym.analyses.plots.failure_choice import choose_failures
-from sada_gym.analyses.report.thumbnails import World, plot_of, sample
+from sada_gym.analyses.report.thumbnails import PicturedWorld, plot_of, sample
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import Protocol, RunReport, RunSettings
 from sada_gym.experiment.target import Target
@@ -24,7 +24,13 @@ from sada_gym.measures.failures import Failures
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run import Run
 from sada_gym.run.summary import summary_rows
-from sada_gym.run.worlds import Column, WorldColumns, parameters_of, weakness_of, write_worlds
+from sada_gym.run.worlds import (
+    ParameterColumn,
+    WorldColumns,
+    parameters_of,
+    weakness_of,
+    write_worlds,
+)
 
 _EACH = 3  # pictures of a weakness
 _MOST_VALUES, _MOST_TOLD = 8, 110
@@ -56,7 +62,7 @@ class NamedRate:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReportPicture:
     """A picture on the first screen, with the physical values of its world.
 
     `told` says what the agent did there, and `brief` its beginning; both are empty where that is
@@ -76,12 +82,12 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ShownWeakness:
     """A weakness: its text, the sentences on it, and failures of it."""
 
     text: str
     sentences: tuple[str, ...]
-    pictures: tuple[Picture, ...]
+    pictures: tuple[ReportPicture, ...]
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ class RunView:
         diagnosis: None where there is none.
         failures: The list of failures; None where there is none.
         queries: The training queries; none where run.sqlite does not tell them.
-        pictures: Small pictures of worlds, WebP, by `World.key`.
+        pictures: Small pictures of worlds, WebP, by `PicturedWorld.key`.
         notes: What a reader must know of the report itself.
         letter: Tells the run from the other one, if there are two.
     """
@@ -207,7 +213,7 @@ class RunView:
         return "" if self.diagnosis is None else self.diagnosis.sentence
 
     @cached_property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[ShownWeakness, ...]:
         """The weaknesses; without any, one that has failures alone, if there are."""
         diagnosis, found = self.diagnosis, []
         for number, worlds in enumerate(highlights(self)):
@@ -220,7 +226,7 @@ class RunView:
                 weakness = diagnosis.weaknesses[number]
                 text, sentences = weakness.text, tuple(_sentences(weakness))
             if text or pictures:
-                found.append(Finding(_heading(text), sentences, pictures))
+                found.append(ShownWeakness(_heading(text), sentences, pictures))
         return tuple(found)
 
     @cached_property
@@ -278,10 +284,10 @@ class RunView:
             f"out={f'{self.run.name}-again'!r})"
         )
 
-    def _has(self, world: World) -> bool:
+    def _has(self, world: PicturedWorld) -> bool:
         return world.key in self.pictures
 
-    def _picture(self, world: World, first: Sequence[str]) -> Picture:
+    def _picture(self, world: PicturedWorld, first: Sequence[str]) -> ReportPicture:
         place = "" if world.row is None else f"Sample {world.row}: "
         told = self.told.get(-1 if world.row is None else world.row, "")
         title = f"{place}Q = {world.score:.2f}"
@@ -297,10 +303,10 @@ class RunView:
         if len(values) > _MOST_VALUES:
             values[_MOST_VALUES:] = [f"and {len(values) - _MOST_VALUES} more"]
         source = data_uri(self.pictures[world.key])
-        return Picture(world.key, source, title, tuple(values), told)
+        return ReportPicture(world.key, source, title, tuple(values), told)
 
 
-def highlights(view: RunView) -> list[list[World]]:
+def highlights(view: RunView) -> list[list[PicturedWorld]]:
     """Choose up to three failures of each weakness; of no weakness, three failures."""
     if view.diagnosis is not None and view.diagnosis.weaknesses:
         return [
@@ -317,17 +323,19 @@ def highlights(view: RunView) -> list[list[World]]:
     return [[sample(samples, int(rows[one.sample])) for one in chosen]]
 
 
-def _example(example: Example, samples: Evaluations) -> World:
+def _example(example: Example, samples: Evaluations) -> PicturedWorld:
     mu = np.array(example.mu, np.float32)
     rows = np.flatnonzero((samples.seed == example.seed) & (samples.mu == mu).all(axis=1))
-    return World(mu, example.seed, example.score, int(rows[0]) if len(rows) else None)
+    return PicturedWorld(mu, example.seed, example.score, int(rows[0]) if len(rows) else None)
 
 
 def mu_alone(dimension: int) -> WorldColumns:
     """Describe worlds whose parameters nothing names."""
     names = [f"mu {i}" for i in range(1, dimension + 1)]
     return WorldColumns(
-        parameters=tuple(Column(column=name, name=name, low=-1.0, high=1.0) for name in names)
+        parameters=tuple(
+            ParameterColumn(column=name, name=name, low=-1.0, high=1.0) for name in names
+        )
     )
 
 

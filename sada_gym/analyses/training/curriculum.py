@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sada_gym.analyses.training.mixture import FAILURES, Mixture, World
+from sada_gym.analyses.training.mixture import FAILURES, DrawnWorld, WorldMixture
 from sada_gym.analyses.training.tasks import KINDS, TaskWorlds, task_of
 from sada_gym.analyses.training.worlds import GymnasiumWorlds, NoAgent
 from sada_gym.envs.wrapped.application import GymnasiumApplication
@@ -47,7 +47,7 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
         render_mode: The environment's; leave it out where you pass an environment.
 
     Raises:
-        UserError: If the environment is none of these, or as `Mixture` says.
+        UserError: If the environment is none of these, or as `WorldMixture` says.
 
     Example:
         >>> env = make_vec_env(lambda: FailureCurriculum("pole.toml", "runs/pole"), n_envs=8)
@@ -65,8 +65,8 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
         worlds: Any = _worlds(environment, render_mode)
         super().__init__(worlds)
         self._worlds = worlds
-        self.mixture = Mixture(worlds.get_wrapper_attr("space"), source, shares)
-        self.world: World | None = None
+        self.mixture = WorldMixture(worlds.get_wrapper_attr("space"), source, shares)
+        self.world: DrawnWorld | None = None
         self._rng: np.random.Generator | None = None
 
     def __getstate__(self) -> dict[str, Any]:

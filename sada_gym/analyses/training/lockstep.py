@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.analyses.training.curriculum import task_id
-from sada_gym.analyses.training.mixture import Mixture
+from sada_gym.analyses.training.mixture import WorldMixture
 from sada_gym.analyses.training.tasks import KINDS
 from sada_gym.foundations.arrays import Floats32
 from sada_gym.foundations.cards import find_card
@@ -28,7 +28,7 @@ class CurriculumStarts:
     """
 
     starts: Any
-    mixture: Mixture
+    mixture: WorldMixture
     at: Callable[[Any, Floats32], Any]
 
     def draw(self, rng: np.random.Generator) -> Any:
@@ -56,7 +56,7 @@ def curriculum_starts(
     assert card is not None
     kind, ((_, batch),) = KINDS[name], card.tasks.values()
     starts = load(batch).task_class.distribution_class() if starts is None else starts
-    return CurriculumStarts(starts, Mixture(kind.space, source, shares), kind.at)
+    return CurriculumStarts(starts, WorldMixture(kind.space, source, shares), kind.at)
 
 
 class CurriculumVecEnv(SB3VecEnv):

@@ -22,14 +22,14 @@ _TRIED = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class DrawnWorld:
     """A world to train in: where it comes from, and mu, (d,); None is the environment as it is."""
 
     source: str
     mu: Floats32 | None
 
 
-class Mixture:
+class WorldMixture:
     """A mixture of sources of worlds, each with its share of the episodes.
 
     Args:
@@ -79,18 +79,18 @@ class Mixture:
         each = 0.5 / max(1, len(self._pools))
         return {**dict.fromkeys(self._pools, each), UNIFORM: rest, NOMINAL: rest}
 
-    def draw(self, rng: np.random.Generator) -> World:
+    def draw(self, rng: np.random.Generator) -> DrawnWorld:
         """Draw the world of one episode."""
         names, shares = zip(*self.shares.items(), strict=True)
         name = names[rng.choice(len(names), p=np.array(shares) / sum(shares))]
         if name == UNIFORM:
-            return World(name, self._uniform(rng))
+            return DrawnWorld(name, self._uniform(rng))
         if name == NOMINAL:
             density = self.space.density
             mu = self.space.nominal if density is None else density.sample(1, rng)[0]
-            return World(name, mu)
+            return DrawnWorld(name, mu)
         pool = self._pools[name]
-        return World(name, pool[rng.integers(len(pool))])
+        return DrawnWorld(name, pool[rng.integers(len(pool))])
 
     def _uniform(self, rng: np.random.Generator) -> Floats32:
         for _ in range(_TRIED):

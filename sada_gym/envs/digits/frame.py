@@ -19,8 +19,8 @@ LEGEND = (
     LegendEntry("seen as the class that it is", GREEN, "line"),
     LegendEntry("seen as another class", VERMILLION, "dashed line"),
     LegendEntry(
-        "Left: the image. Right: what the adversary made of it. p(5) is the classifier's "
-        "probability of 5, the true class."
+        "Left: the image. Right: what the adversary made of it. p is the classifier's "
+        "probability of the true class, which stands in brackets."
     ),
 )
 

@@ -14,7 +14,7 @@ from sada_gym.measures.diagnosis.search import (
     RULE_COST,
     SUM_COST,
     Box,
-    Search,
+    BoxSearch,
     prune,
     rate_elsewhere,
     total,
@@ -44,8 +44,8 @@ class _Band:
 
 
 def banded(
-    space: ParameterSpace, physical: Floats, search: Search, uniform: Bools, boxes: list[Box]
-) -> tuple[Search, list[Box]]:
+    space: ParameterSpace, physical: Floats, search: BoxSearch, uniform: Bools, boxes: list[Box]
+) -> tuple[BoxSearch, list[Box]]:
     """Put bands in the place of boxes, or beside them, as long as that explains more.
 
     Returns:
@@ -67,7 +67,7 @@ def banded(
 
 
 def _bands(
-    space: ParameterSpace, physical: Floats, search: Search, uniform: Bools, boxes: Sequence[Box]
+    space: ParameterSpace, physical: Floats, search: BoxSearch, uniform: Bools, boxes: Sequence[Box]
 ) -> Iterator[_Band]:
     """Find the best band of each pair beside all boxes, and in the place of the weakest ones.
 
@@ -86,18 +86,18 @@ def _bands(
             yield _Band(pair, slope, both[:count], float(gains.max()) - lost)
 
 
-def _named(search: Search, box: Box) -> set[int | None]:
+def _named(search: BoxSearch, box: Box) -> set[int | None]:
     return {i for k in box.conditions for i in (search.axes[k].index, search.axes[k].other)}
 
 
 def _placed(
     space: ParameterSpace,
     physical: Floats,
-    search: Search,
+    search: BoxSearch,
     uniform: Bools,
     boxes: Sequence[Box],
     band: _Band,
-) -> tuple[Search, list[list[Box]]]:
+) -> tuple[BoxSearch, list[list[Box]]]:
     """Return a search with a band's sum, and two plans: without the replaced boxes and with them.
 
     Boxes that the band makes needless are gone. There is no plan where the band is too weak.

@@ -11,8 +11,8 @@ from sada_gym.measures.diagnosis.axes import Axis
 from sada_gym.measures.diagnosis.bands import banded
 from sada_gym.measures.diagnosis.search import (
     RULE_COST,
-    Search,
-    Worlds,
+    BoxSearch,
+    KnownWorlds,
     cover,
     grow,
     prune,
@@ -49,16 +49,16 @@ def find_rules(space: ParameterSpace, mu: Mu, fooled: Bools, uniform: Bools, see
         return Found((), (), (), 0.5)
     physical, rng = space.physical(mu), np.random.default_rng(seed)
     axes = [Axis.of(parameter, j) for j, parameter in enumerate(space.parameters)]
-    outset = rate_elsewhere(Worlds(np.zeros((1, len(mu)), np.intp), fooled), uniform, [])
+    outset = rate_elsewhere(KnownWorlds(np.zeros((1, len(mu)), np.intp), fooled), uniform, [])
     axes += sums(space, physical, fooled, outset)
-    search = Search(axes, _worlds(axes, space, mu, fooled), rng)
+    search = BoxSearch(axes, _worlds(axes, space, mu, fooled), rng)
     boxes = cover(search, uniform, _MOST, _LEAST_GAIN)
     search, boxes = banded(space, physical, search, uniform, boxes)
     axes, elsewhere = list(search.axes), rate_elsewhere(search.worlds, uniform, boxes)
     # once more in cells that end where the rules do: no slivers are left beside them
     rules = refine(axes, boxes, physical, fooled, elsewhere, rounded=False)
     axes, boxes = recut(axes, rules, [box.gain for box in boxes])
-    search = Search(axes, _worlds(axes, space, mu, fooled), rng)
+    search = BoxSearch(axes, _worlds(axes, space, mu, fooled), rng)
     boxes = prune(search, uniform, [box for box in boxes if box.conditions])
     boxes = prune(search, uniform, grow(search, uniform, boxes, _MOST, _LEAST_GAIN))
     boxes.sort(key=lambda box: -box.gain)
@@ -71,6 +71,6 @@ def find_rules(space: ParameterSpace, mu: Mu, fooled: Bools, uniform: Bools, see
     return Found(tuple(rules), gains, tuple(map(float, rates)), elsewhere)
 
 
-def _worlds(axes: list[Axis], space: ParameterSpace, mu: Mu, fooled: Bools) -> Worlds:
+def _worlds(axes: list[Axis], space: ParameterSpace, mu: Mu, fooled: Bools) -> KnownWorlds:
     physical = space.physical(mu)
-    return Worlds(np.stack([axis.cells(physical) for axis in axes]), fooled)
+    return KnownWorlds(np.stack([axis.cells(physical) for axis in axes]), fooled)

@@ -1,4 +1,8 @@
-"""Looks for boxes in which worlds fool the agent far more often than elsewhere."""
+"""Looks for boxes in which worlds fool the agent far more often than elsewhere.
+
+That is subgroup discovery (Herrera et al. 2011), by boxes as in bump hunting (PRIM, Friedman and
+Fisher 1999); but an interval is the best of all, and not what peeling leaves.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +42,7 @@ _STARTS, _STEPS_AT_ONCE = (12, 60), 3e6  # boxes; worlds times dimensions times 
 
 
 @dataclass(frozen=True, eq=False)
-class Worlds:
+class KnownWorlds:
     """Evaluated worlds: their cells by axes, (d, n), and whether each fooled the agent, (n,)."""
 
     cells: Indices
@@ -67,7 +71,7 @@ class Box:
         """The axes that the rule names."""
         return [j for j, cells in enumerate(self.cells) if not cells.all()]
 
-    def contains(self, worlds: Worlds) -> Bools:
+    def contains(self, worlds: KnownWorlds) -> Bools:
         """Return which worlds lie in it, (n,)."""
         inside = np.ones(len(worlds), np.bool_)
         for j in self.conditions:
@@ -75,7 +79,7 @@ class Box:
         return inside
 
 
-class Search:
+class BoxSearch:
     """Finds the best box for the worlds that no box explains yet, from many starts at once.
 
     Coordinate ascent: along one axis after another each box takes the best interval of all, given
@@ -83,7 +87,7 @@ class Search:
     it takes those that fail most.
     """
 
-    def __init__(self, axes: Sequence[Axis], worlds: Worlds, rng: np.random.Generator) -> None:
+    def __init__(self, axes: Sequence[Axis], worlds: KnownWorlds, rng: np.random.Generator) -> None:
         self.axes, self.worlds, self._rng = axes, worlds, rng
         self._open = [j for j, axis in enumerate(axes) if len(axis) > 1]
         self._sums = [j for j in self._open if axes[j].other is not None]
@@ -113,10 +117,10 @@ class Search:
         gain = self._ascend(chosen, elsewhere, covered)
         return self._box(chosen[0], float(gain[0]))
 
-    def wider(self, axis: Axis, cells: Indices) -> Search:
+    def wider(self, axis: Axis, cells: Indices) -> BoxSearch:
         """Return a search with one more axis, and the worlds' cells by it, (n,)."""
-        worlds = Worlds(np.vstack([self.worlds.cells, cells]), self.worlds.fooled)
-        return Search([*self.axes, axis], worlds, self._rng)
+        worlds = KnownWorlds(np.vstack([self.worlds.cells, cells]), self.worlds.fooled)
+        return BoxSearch([*self.axes, axis], worlds, self._rng)
 
     def _padded(self, box: Box) -> Bools:
         """Return the cells of a box, (d, g), of all axes as long as the longest."""
@@ -322,7 +326,7 @@ def _same(box: Box, other: Box) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(box.cells, other.cells, strict=True))
 
 
-def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> list[Box]:
+def cover(search: BoxSearch, uniform: Bools, most: int, least_gain: float) -> list[Box]:
     """Find at most so many boxes, one after another.
 
     `uniform` says which worlds, (n,), were drawn evenly: the rate elsewhere is theirs.
@@ -356,7 +360,7 @@ def cover(search: Search, uniform: Bools, most: int, least_gain: float) -> list[
 
 
 def grow(
-    search: Search, uniform: Bools, boxes: list[Box], most: int, least_gain: float
+    search: BoxSearch, uniform: Bools, boxes: list[Box], most: int, least_gain: float
 ) -> list[Box]:
     """Improve boxes and find further ones until none gains enough, or the last does not stay."""
     worlds, before = search.worlds, -1
@@ -377,7 +381,7 @@ def grow(
     return boxes
 
 
-def prune(search: Search, uniform: Bools, boxes: list[Box]) -> list[Box]:
+def prune(search: BoxSearch, uniform: Bools, boxes: list[Box]) -> list[Box]:
     """Drop boxes without which the worlds are as likely, the costs taken into account."""
     best = total(search, uniform, boxes)
     while boxes:
@@ -389,7 +393,7 @@ def prune(search: Search, uniform: Bools, boxes: list[Box]) -> list[Box]:
     return boxes
 
 
-def total(search: Search, uniform: Bools, boxes: Sequence[Box]) -> float:
+def total(search: BoxSearch, uniform: Bools, boxes: Sequence[Box]) -> float:
     """Return the log-likelihood of all worlds, each by its first box, less the boxes' costs."""
     worlds = search.worlds
     elsewhere = rate_elsewhere(worlds, uniform, boxes)
@@ -409,7 +413,7 @@ def _log_likelihood(fooled: Bools, rate: float) -> float:
     return count * math.log(rate) + (len(fooled) - count) * math.log(1.0 - rate)
 
 
-def settle(search: Search, boxes: list[Box], elsewhere: float, least_gain: float) -> list[Box]:
+def settle(search: BoxSearch, boxes: list[Box], elsewhere: float, least_gain: float) -> list[Box]:
     """Improve each box given the others, twice; drop those that gain too little."""
     boxes = list(boxes)
     for _ in range(2):
@@ -420,13 +424,13 @@ def settle(search: Search, boxes: list[Box], elsewhere: float, least_gain: float
     return boxes
 
 
-def rate_elsewhere(worlds: Worlds, uniform: Bools, boxes: Sequence[Box]) -> float:
+def rate_elsewhere(worlds: KnownWorlds, uniform: Bools, boxes: Sequence[Box]) -> float:
     """Return the fooling rate of uniform worlds outside all boxes, within (0, 1)."""
     rows = uniform & ~union(boxes, worlds)
     return float(np.clip((worlds.fooled[rows].sum() + 0.5) / (rows.sum() + 1.0), 0.003, 0.9))
 
 
-def union(boxes: Sequence[Box], worlds: Worlds) -> Bools:
+def union(boxes: Sequence[Box], worlds: KnownWorlds) -> Bools:
     """Return which worlds lie in any box, (n,)."""
     inside = np.zeros(len(worlds), np.bool_)
     for box in boxes:

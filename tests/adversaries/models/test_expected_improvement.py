@@ -7,7 +7,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
 from sada_gym.adversaries.models.expected_improvement import (
-    Search,
+    ImprovementSearch,
     expected_improvement,
     lowest,
 )
@@ -26,7 +26,7 @@ def test_chooses_what_scikit_learn_expects_most_of_against_the_best_smoothed_poi
     rng = np.random.default_rng(0)
     mu = rng.uniform(-1.0, 1.0, (60, 2)).astype(np.float32)
     score = np.minimum(((mu - 0.3) ** 2).mean(axis=1), 1.0) + 0.3 * rng.normal(size=60)
-    engine = Search(mu, score, None, rng, candidates=512, capacity=70)
+    engine = ImprovementSearch(mu, score, None, rng, candidates=512, capacity=70)
     chosen = engine.choose()
 
     kernel, scale = engine.kernel, score.std()
@@ -56,7 +56,7 @@ def test_every_step_chooses_as_a_search_that_computes_everything_afresh(seed, di
 
     scores = score(mu)
     offset, scale = scores.mean(), scores.std()
-    engine = Search(mu, scores, None, rng, candidates=512, capacity=80)
+    engine = ImprovementSearch(mu, scores, None, rng, candidates=512, capacity=80)
     kernel = engine.kernel
     for _ in range(40):
         chosen = engine.choose()

@@ -21,7 +21,7 @@ from sada_gym.analyses.report.make import report
 from sada_gym.analyses.report.page import page
 from sada_gym.analyses.report.read import read_view
 from sada_gym.analyses.report.thumbnails import THUMBNAILS_FILE
-from sada_gym.analyses.report.views import Picture
+from sada_gym.analyses.report.views import ReportPicture
 from sada_gym.application import Scored
 from sada_gym.cli import app
 from sada_gym.errors import FileError, UserError
@@ -333,10 +333,10 @@ def test_a_page_with_as_many_pictures_as_can_be_is_below_10_mb(digits, runs):
 
 def test_a_caption_has_room_for_the_beginning_of_what_the_agent_did():
     told = "left its lane; " * 40
-    picture = Picture("key", "data:,", "Q = 0.10", ("scale 1",), told)
+    picture = ReportPicture("key", "data:,", "Q = 0.10", ("scale 1",), told)
     assert len(picture.brief) <= 110
     assert picture.brief.endswith(" …")
-    assert Picture("key", "data:,", "Q = 0.10", ("scale 1",), "").brief == ""
+    assert ReportPicture("key", "data:,", "Q = 0.10", ("scale 1",), "").brief == ""
 
 
 def test_two_agents_are_compared_in_the_worlds_that_both_runs_have(tmp_path):
