@@ -33,6 +33,7 @@ def agent_of(
     Args:
         given: An `Agent`, which stays as it is; an object with `predict` for batches; a function of
             an observation; or a factory or an object with `reset`, which make one agent an episode.
+            A function or a `predict` with an argument `env` is asked for one observation at a time.
         interface: What the agent sees and does.
         name: The agent's name, for messages.
         normalisation: See `Policy`.
@@ -54,11 +55,11 @@ def agent_of(
     acts = hasattr(given, "predict") or callable(given)
     if acts and callable(getattr(given, "reset", None)):
         return EpisodeAgents(given, name, deterministic=deterministic)
-    if hasattr(given, "predict"):
+    if hasattr(given, "predict") and not _takes(given.predict, "env"):
         from sada_gym.agents.policy import Policy
 
         return Policy(given, interface, normalisation=normalisation, deterministic=deterministic)
-    if callable(given):
+    if acts:
         return FunctionAgent(given, name, deterministic=deterministic)
     raise UserTypeError(
         "Expected an SB3 model, the path of an SB3 zip, an object with `predict`, or a "
@@ -79,6 +80,7 @@ class FunctionAgent:
 
     def __init__(self, given: Callable[..., Any], name: str, *, deterministic: bool = True) -> None:
         self._given, self._name, self._deterministic = given, name, deterministic
+        self._takes_env = _takes(getattr(given, "predict", given), "env")
 
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
@@ -106,9 +108,23 @@ class FunctionAgent:
                     ) from error
         return actions
 
-    def _ask(self, episodes: Any, i: int, observation: Any) -> Any:  # noqa: ARG002
+    def _ask(self, episodes: Any, i: int, observation: Any) -> Any:
         """Return the action in episode i."""
-        return self._given(observation)
+        return self._asked(self._given, episodes, i, observation)
+
+    def _asked(self, agent: Any, episodes: Any, i: int, observation: Any) -> Any:
+        if not self._takes_env:
+            return agent(observation)
+        if not hasattr(episodes, "environment"):
+            raise UserError(
+                f"Expected {self._name} without an argument env in a separate process, because the "
+                "environment is in the attack's. Pass it as agent= there."
+            )
+        env = episodes.environment(i)
+        if not hasattr(agent, "predict"):
+            return agent(observation, env=env)
+        answer = agent.predict(observation, deterministic=self._deterministic, env=env)
+        return answer[0] if isinstance(answer, tuple) else answer
 
 
 class EpisodeAgents(FunctionAgent):
@@ -137,6 +153,7 @@ class EpisodeAgents(FunctionAgent):
         self._agents: list[Any] = []
         with generators_kept():
             made = self._make(0)
+        self._takes_env = _takes(getattr(made, "predict", made), "env")
         if not hasattr(made, "predict") and not callable(made):
             raise UserTypeError(
                 f"Expected {name} to make an agent, an object with predict or a function of an "
@@ -168,8 +185,8 @@ class EpisodeAgents(FunctionAgent):
         agent = self._agents[i]
         if agent is None:
             agent = self._agents[i] = self._make(episodes.agent_seed(i))
-        if not hasattr(agent, "predict"):
-            return agent(observation)
+        if self._takes_env or not hasattr(agent, "predict"):
+            return self._asked(agent, episodes, i, observation)
         batch: Any
         if isinstance(observation, dict):
             batch = {key: np.asarray(value)[None] for key, value in observation.items()}
@@ -203,11 +220,14 @@ def is_factory(given: Any) -> bool:
 
 
 def _call(function: Callable[..., Any], seed: int) -> Any:
+    return function(seed=seed) if _takes(function, "seed") else function()
+
+
+def _takes(function: Any, name: str) -> bool:
     try:
-        takes_seed = "seed" in inspect.signature(function).parameters
+        return name in inspect.signature(function).parameters
     except (TypeError, ValueError):
-        takes_seed = False
-    return function(seed=seed) if takes_seed else function()
+        return False
 
 
 def _shared_weights(agent: Any) -> dict[int, Any]:

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -85,7 +86,10 @@ class GymnasiumApplication(EpisodePictures):
             A function is called for one observation at a time, and must remember nothing, because
             many episodes go on at once. A class or function without arguments, or with the one
             argument `seed`, makes an agent for each episode; of an object with `reset` each episode
-            gets a copy. These may remember. Box actions are clipped to their space.
+            gets a copy. These may remember. What has an argument `env` gets the environment, too:
+            `predict(observation, deterministic=True, env=env)`. "built-in" says that the
+            environment acts by itself; it gets the action nearest to zero. Box actions are clipped
+            to their space.
         parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
             (low, high) is a keyword of the environment's constructor of that name, else an
             attribute of `env.unwrapped`.
@@ -263,7 +267,12 @@ class GymnasiumApplication(EpisodePictures):
         self.render_fps = fps if is_rate else _USUAL_FPS  # type: ignore[misc]
         check_declared(self)
         self._loader = AgentLoader(
-            inspection.interface, allow_pickle, statistics, deterministic, agent_timeout
+            partial(inspection.identity, as_json(factory.env_kwargs)),
+            inspection.interface,
+            allow_pickle,
+            statistics,
+            deterministic,
+            agent_timeout,
         )
         loaded, name_of_agent = self._loader.load(agent)
         super().__init__(loaded, agent_id)

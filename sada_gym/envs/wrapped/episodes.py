@@ -155,6 +155,10 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         """Return what the agent sees in episode i, in the form that the environment gave it."""
         return self.running[i].observation
 
+    def environment(self, i: int) -> gym.Env[Any, Any]:
+        """Return the environment of episode i without its disturbances, for an agent inside."""
+        return self.running[i].environment
+
     def observe(self, which: Indices) -> Batch:
         """Return the observations of some episodes, each key (len(which), ...)."""
         return as_batch([self.observation(i) for i in which], self.observation_space)
@@ -265,6 +269,11 @@ class RunningEpisode:
             check_valid(self.env.unwrapped, self._spec.valid, self._spec.factory.name)
             episode = self._recorder.episode(terminated=self.terminated, truncated=self.truncated)
             self.score, self.clipped = self._spec.score(episode)
+
+    @property
+    def environment(self) -> gym.Env[Any, Any]:
+        """The environment without disturbances, as its constructor made it."""
+        return self._recorder.env
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
         """Return which actions are valid now, (k,)."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -11,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.metadata import packages_distributions, version
 from typing import Any
 
 import gymnasium as gym
@@ -83,6 +87,27 @@ class Inspection:
             interface,
             has_nan(check_environment(env, factory)),
         )
+
+    def identity(self, keywords: Any) -> str:
+        """Return a SHA-256 over the environment's class, its packages' versions, and keywords.
+
+        The packages are its class's, else those that the module of the class imports.
+        """
+        kind, of = self.layers[-1], packages_distributions()
+        home = kind.__module__.partition(".")[0]
+        names = {home}
+        if home not in of:  # a file of the user's, around a simulator
+            used = vars(sys.modules[kind.__module__]).values()
+            modules = [
+                getattr(value, "__module__", getattr(value, "__name__", "")) for value in used
+            ]
+            names = {str(module).partition(".")[0] for module in modules} - {"numpy", "gymnasium"}
+        found = {name for top in names for name in of.get(top, ())}
+        packages = {name: version(name) for name in sorted(found)}
+        text = json.dumps(
+            [f"{kind.__module__}:{kind.__qualname__}", packages, keywords], default=str
+        )
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def packages_of(env: gym.Env[Any, Any]) -> tuple[str, ...]:

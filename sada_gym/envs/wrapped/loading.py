@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from sada_gym.agents import resolve
 from sada_gym.agents.agent_files import find_agent_file, load_agent_file
+from sada_gym.agents.built_in import BUILT_IN, BuiltInAgent
 from sada_gym.agents.contract import Agent, Interface, identity_of
 from sada_gym.agents.functions import agent_of
 from sada_gym.agents.remote.client import RemoteAgent
@@ -37,8 +39,12 @@ class Privileged:
 
 @dataclass(frozen=True)
 class AgentLoader:
-    """Loads agents for one environment; but for `interface`, see `GymnasiumApplication`."""
+    """Loads agents for one environment; for what follows `interface` see `GymnasiumApplication`.
 
+    `environment` identifies it, where it acts by itself.
+    """
+
+    environment: Callable[[], str]
     interface: Interface
     allow_pickle: bool
     vec_normalize: VecNormalize | Literal[False] | None
@@ -47,6 +53,8 @@ class AgentLoader:
 
     def load(self, agent: Any) -> tuple[Any, str]:
         """Return the agent that a user's description means, and its name, empty if it has none."""
+        if isinstance(agent, str) and agent == BUILT_IN:
+            return BuiltInAgent(self.interface.action_space, self.environment()), BUILT_IN
         place = place_of(agent)
         if place is not None:
             if self.vec_normalize:

@@ -20,6 +20,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sada_gym.agents.agent_files import SUFFIXES
+from sada_gym.agents.built_in import BUILT_IN
 from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
@@ -229,6 +230,8 @@ def _check_types(
 
 def agent_of(text: str | list[Any], path: Path, key: str = "agent") -> Any:
     """Return the agent that a file names: where it is, or the imported object."""
+    if text == BUILT_IN:
+        return text
     place = place_of(text, path.parent)
     if place is not None or isinstance(text, list):
         return place
