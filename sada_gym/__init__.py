@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sada_gym.evaluation.executors import Workers
     from sada_gym.evaluation.oracle import Oracle
     from sada_gym.foundations.behaviour import Behaviour
+    from sada_gym.foundations.serve_environment import serve_environment
     from sada_gym.run import Run, load_run
 
 __version__ = "0.1.0"
@@ -63,6 +64,7 @@ __all__ = [
     "report",
     "rescore",
     "serve",
+    "serve_environment",
     "tracks",
     "transfer",
 ]
@@ -88,6 +90,7 @@ __getattr__ = lazy_names(
         "replay": "analyses.replay",
         "report": "analyses.report.make",
         "serve": "agents.remote.server",
+        "serve_environment": "foundations.serve_environment",
     },
 )
 

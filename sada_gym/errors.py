@@ -174,7 +174,7 @@ def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) 
     """
     try:
         yield
-    except UserError:
+    except (UserError, WorkerError):  # such as a server that is gone
         raise
     except Exception as error:  # a user's code may raise anything
         message = f"{expected}, got {described(error)}. {mend}"

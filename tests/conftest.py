@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import venv
 from collections.abc import Iterator
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 import sada_gym  # isort: skip - registers the environments; first, as it chooses the kernels
 
+import numpy as np
 import pytest
 from forked import FORKSERVER
 
@@ -82,3 +84,15 @@ def browser() -> Iterator[Any]:
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield driver
     driver.quit()
+
+
+@pytest.fixture
+def bare_python(tmp_path: Path) -> str:
+    """A Python that has NumPy, and nothing else that is installed here."""
+    venv.create(tmp_path / "bare", with_pip=False)
+    packages = next((tmp_path / "bare").rglob("site-packages"))
+    home = Path(np.__file__).parents[1]
+    for name in ("numpy", "numpy.libs"):
+        if (home / name).exists():
+            (packages / name).symlink_to(home / name)
+    return str(next((tmp_path / "bare").glob("[bS]*/python*")))

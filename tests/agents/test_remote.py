@@ -12,7 +12,6 @@ import sys
 import tempfile
 import threading
 import time
-import venv
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from wrapped_toys import Reach, approach, balance, cart_pole, pendulum, reach, w
 
 import sada_gym
 from sada_gym import attack
-from sada_gym.agents.remote import messages
 from sada_gym.agents.remote.messages import (
     ANSWERS,
     QUESTIONS,
@@ -41,6 +39,7 @@ from sada_gym.agents.remote.spaces import describe
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import AgentLost, UserError
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.foundations import serve_environment
 from sada_gym.testing.purity import assert_pure
 
 ROOT = Path(__file__).parents[2]
@@ -88,18 +87,6 @@ def served(agent, **options):
                 break
         time.sleep(0.05)
     yield f"tcp://127.0.0.1:{port}"
-
-
-@pytest.fixture
-def bare_python(tmp_path):
-    """A Python that has NumPy, and nothing else that is installed here."""
-    venv.create(tmp_path / "bare", with_pip=False)
-    packages = next((tmp_path / "bare").rglob("site-packages"))
-    home = Path(np.__file__).parents[1]
-    for name in ("numpy", "numpy.libs"):
-        if (home / name).exists():
-            (packages / name).symlink_to(home / name)
-    return str(next((tmp_path / "bare").glob("[bS]*/python*")))
 
 
 def test_thirty_lines_serve_from_a_python_without_this_package(bare_python, tmp_path, monkeypatch):
@@ -327,7 +314,7 @@ def test_an_error_of_the_agent_itself_is_told():
 
 @pytest.mark.parametrize("away_s", [-1.0, 10.0])  # every look, or none, says that others are busy
 def test_messages_come_awake_and_asleep(away_s, monkeypatch):
-    monkeypatch.setattr(messages, "_AWAY_S", away_s)
+    monkeypatch.setattr(serve_environment, "_AWAY_S", away_s)
     ours, theirs = (Channel(side, 9.0) for side in socket.socketpair())
 
     def answer():

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from typing import Any, NoReturn, TypeVar
+from typing import Any
 
 import numpy as np
 
 from sada_gym.agents.contract import Indices, Interface
 from sada_gym.agents.remote.messages import (
     ANSWERS,
-    MAX_ARRAY_BYTES,
-    PROTOCOL,
     Act,
     Actions,
-    Failed,
     Hello,
-    Nonsense,
     Welcome,
     array_name,
 )
-from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
+from sada_gym.agents.remote.peer import Peer
+from sada_gym.agents.remote.places import Address, Program
 from sada_gym.agents.remote.spaces import Array, describe
 from sada_gym.agents.tile import Batch, keyed, sampled
 from sada_gym.errors import AgentLost, UserError
 from sada_gym.foundations.files import shown
+from sada_gym.foundations.serve_environment import MAX_ARRAY_BYTES, PROTOCOL
 
-Answer = TypeVar("Answer", Welcome, Actions)
 
-
-class RemoteAgent:
+class RemoteAgent(Peer):
     """Sends the observations of episodes to an agent's process, and gets their actions.
 
     A server that says `rows` always gets so many observations in a message; missing ones are copies
@@ -48,6 +43,9 @@ class RemoteAgent:
         UserError: If nobody is there, or the server refuses, or observations cannot be sent.
     """
 
+    role, wanted, lost, answers = "agent", "actions", AgentLost, ANSWERS
+    start_it = "Start the agent's server, sada_gym.serve(agent) or a program of your own"
+
     def __init__(
         self,
         place: Address | Program,
@@ -56,10 +54,9 @@ class RemoteAgent:
         timeout_s: float,
         deterministic: bool = True,
     ) -> None:
-        self.place, self._interface = place, interface
-        self._timeout_s, self._deterministic = timeout_s, deterministic
-        self._link: Link | None = None
-        self._count, self._first, self._number = 0, False, 0
+        super().__init__(place, timeout_s)
+        self._interface, self._deterministic = interface, deterministic
+        self._count, self._first = 0, False
         try:
             self._welcome = self._connect()
         except AgentLost as error:
@@ -82,10 +79,6 @@ class RemoteAgent:
             return None
         return hashlib.sha256(json.dumps({"remote": told}, sort_keys=True).encode()).hexdigest()
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the connection: another process opens its own."""
-        return {**self.__dict__, "_link": None}
-
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
         self._count, self._first = count, True
@@ -106,15 +99,6 @@ class RemoteAgent:
             arrays["episode_seeds"] = np.array(starts, np.uint32)
         return self._asked(arrays, which)
 
-    def close(self) -> None:
-        """Close the connection, and end the program; the next question opens them again."""
-        self._ended()
-
-    def _ended(self) -> str:
-        """Close the connection, and return the last that its program printed."""
-        link, self._link = self._link, None
-        return "" if link is None else link.close()
-
     def _asked(self, arrays: Batch, which: Indices) -> Array:
         arrays = {**arrays, "episodes": which.astype(np.int64)}
         row_bytes = sum(value.nbytes for value in arrays.values()) // len(which)
@@ -130,7 +114,12 @@ class RemoteAgent:
         return np.concatenate(answers)
 
     def _asked_at_once(self, arrays: Batch) -> Array:
-        header = Act(number=self._number + 1, start=self._first, count=self._count)
+        if self._link is None:
+            if not self._first:
+                self._lose("a new connection in the middle of an episode")
+            if self._connect() != self._welcome:
+                self._lose(f"another agent than at first, which was {self.name}")
+        header = Act(number=0, start=self._first, count=self._count)
         actions = self._exchange(header, arrays, Actions)[1].get("actions")
         shape = (len(arrays["episodes"]), *(self._interface.action_space.shape or ()))
         if actions is None or actions.shape != shape:
@@ -139,45 +128,11 @@ class RemoteAgent:
         self._first = False
         return actions
 
-    def _exchange(
-        self, header: Hello | Act, arrays: Mapping[str, Array], expected: type[Answer]
-    ) -> tuple[Answer, dict[str, Array]]:
-        """Send a message and return the answer to it."""
-        try:
-            if self._link is None:
-                if not self._first:
-                    self._lose("a new connection in the middle of an episode")
-                if self._connect() != self._welcome:
-                    self._lose(f"another agent than at first, which was {self.name}")
-                header = header.model_copy(update={"number": self._number + 1})
-            assert self._link is not None
-            self._number = header.number
-            until = self._link.channel.deadline()
-            self._link.channel.send(header, arrays, until)
-            answer = self._link.channel.receive(ANSWERS, until)
-        except TimeoutError:
-            self._lose(f"no answer within {self._timeout_s:g} s")
-        except (OSError, Nonsense) as error:
-            self._lose(f"{error}")
-        except BaseException:
-            self.close()  # the answer may still come, and would be taken for the next one
-            raise
-        if answer is None:
-            other = f", or speaks another protocol than {PROTOCOL}" if expected is Welcome else ""
-            self._lose(f"the end of the connection: the process died, or closed it{other}")
-        if isinstance(answer[0], Failed):
-            self.close()
-            told = shown(" ".join(answer[0].message.split()))
-            raise UserError(f"Expected actions from {self.place}, got an error: {told}")
-        if not isinstance(answer[0], expected) or answer[0].number != header.number:
-            self._lose(f"an answer to another question: {shown(repr(answer[0]))}")
-        return answer[0], answer[1]
-
     def _connect(self) -> Welcome:
         """Open a connection, say hello, and return what the server says of its agent."""
         interface, arrays = self._interface, dict[str, Array]()
         hello = Hello(
-            number=self._number + 1,
+            number=0,
             protocol=PROTOCOL,
             environment=shown(interface.task_id),
             observation_space=describe(interface.observation_space, "observation_space", arrays),
@@ -186,19 +141,8 @@ class RemoteAgent:
             action_masks=interface.has_masks,
             deterministic=self._deterministic,
         )
-        try:
-            self._link = self.place.open(self._timeout_s)
-        except Unreachable as error:
-            raise AgentLost(f"Expected an agent in {self.place}, but {error}.") from error
-        welcome, _ = self._exchange(hello, arrays, Welcome)
-        return welcome.model_copy(update={"number": 0})
-
-    def _lose(self, got: str) -> NoReturn:
-        """Close the connection, and raise `AgentLost`."""
-        raise AgentLost(
-            f"Expected answers from the agent in {self.place}, got {got}{printed(self._ended())}. "
-            "Mend or restart it; a run with --resume then goes on."
-        )
+        self._open()
+        return self._exchange(hello, arrays, Welcome)[0].model_copy(update={"number": 0})
 
     def _same_in_every_place(self) -> bool:
         """Whether each of a message's observations keeps its action when they are reversed."""

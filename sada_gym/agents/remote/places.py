@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from sada_gym.agents.remote import keeper
-from sada_gym.agents.remote.messages import CONNECT, CONNECT_UNIX, Channel
+from sada_gym.agents.remote.messages import Channel
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.foundations.files import shown
+from sada_gym.foundations.serve_environment import CONNECT, CONNECT_UNIX
 
 _TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOOK_EACH_S = 0.2
@@ -60,15 +61,12 @@ class Address:
         """What reports call an agent here that has no name."""
         return shown(f"{self.host}:{self.port}")
 
-    def open(self, timeout_s: float) -> Link:
-        """Connect; raise `Unreachable` if nobody is there."""
+    def open(self, timeout_s: float, start: str = "") -> Link:
+        """Connect; raise `Unreachable` if nobody is there: `start` says how to start a server."""
         try:
             link = socket.create_connection((self.host.strip("[]"), self.port), timeout_s)
         except (OSError, ValueError) as error:  # a host's name may be none that can be written
-            raise Unreachable(
-                f"nobody is there ({error}). Start the agent's server, sada_gym.serve(agent) or a "
-                "program of your own"
-            ) from error
+            raise Unreachable(f"nobody is there ({error}). {start}") from error
         return Link(Channel(link, timeout_s))
 
 
@@ -93,7 +91,7 @@ class Program:
         files = [part for part in self.command[1:] if not part.startswith("-")]
         return Path((files or self.command)[0]).stem
 
-    def open(self, timeout_s: float) -> Link:
+    def open(self, timeout_s: float, start: str = "") -> Link:  # noqa: ARG002
         """Start the program and wait until it connects; raise `Unreachable` if it does not."""
         with ExitStack() as stack:
             waiting = [stack.enter_context(socket.create_server(("127.0.0.1", 0)))]
@@ -135,11 +133,11 @@ class Program:
         return found
 
 
-def place_of(given: Any, folder: str | Path = ".") -> Address | Program | None:
+def place_of(given: Any, folder: str | Path = ".", role: str = "agent") -> Address | Program | None:
     """Return the address or the program that a text or a list names; None of anything else.
 
-    `folder` is where programs start. It raises `UserError` if it is a list of no texts, or a
-    `tcp://` without host and port.
+    `folder` is where programs start; `role` is what messages call it. It raises `UserError` if it
+    is a list of no texts, or a `tcp://` without host and port.
     """
     if isinstance(given, Address | Program):
         return given
@@ -147,15 +145,15 @@ def place_of(given: Any, folder: str | Path = ".") -> Address | Program | None:
         found = _TCP.fullmatch(given)
         if found is None or not 0 < int(found[2]) < 2**16:
             raise UserError(
-                f"Expected an address such as 'tcp://127.0.0.1:7788' as the agent, got {given!r}."
+                f"Expected an address such as 'tcp://127.0.0.1:7788' as the {role}, got {given!r}."
             )
         return Address(found[1], int(found[2]))
     if not isinstance(given, list | tuple):
         return None
     if not given or not all(isinstance(part, str) and part for part in given):
         raise UserTypeError(
-            "Expected a command as the agent, a list of texts such as ['python', 'serve.py'], got "
-            f"{given!r}."
+            f"Expected a command as the {role}, a list of texts such as ['python', 'serve.py'], "
+            f"got {given!r}."
         )
     return Program(tuple(given), os.path.abspath(folder))
 

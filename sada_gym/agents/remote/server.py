@@ -21,27 +21,31 @@ from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.agents.functions import agent_of
 from sada_gym.agents.remote.messages import (
-    CONNECT,
-    CONNECT_UNIX,
     MAX_ROWS,
-    PROTOCOL,
     QUESTIONS,
     Act,
     Actions,
     Channel,
     Failed,
     Hello,
-    Nonsense,
-    OldProtocol,
     Unexpected,
     Welcome,
     array_name,
 )
-from sada_gym.agents.remote.spaces import DTYPES, Array
+from sada_gym.agents.remote.spaces import Array
 from sada_gym.agents.tile import ALONE, Batch, keyed
 from sada_gym.errors import UserError, check_integer, described
 from sada_gym.foundations.files import first_error, shown
 from sada_gym.foundations.lazy import load
+from sada_gym.foundations.serve_environment import (
+    CONNECT,
+    DTYPES,
+    PROTOCOL,
+    Nonsense,
+    OldProtocol,
+    connected,
+    listen,
+)
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
@@ -89,47 +93,21 @@ def serve(
         load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
         vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
     served = _Served(file or agent, name, allow_pickle, vec_normalize)
-    asked_by = os.environ.get(CONNECT)
-    if asked_by:
-        served.answer(_connected(asked_by, os.environ.get(CONNECT_UNIX)))
-        return
-    check_integer("port", port, 0, 2**16 - 1)
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        listening = socket.create_server((host, port), family=family)
-    except (OSError, ValueError, TypeError) as error:  # a name may be none that can be written
-        raise UserError(
-            f"Expected to listen on {shown(host)}:{port}, got {error}. Choose another port=."
-        ) from error
+        if CONNECT in os.environ:
+            served.answer(connected())
+            return
+        check_integer("port", port, 0, 2**16 - 1)
+        listening, address = listen(host, port)
+    except ValueError as error:
+        raise UserError(str(error)) from error
     with listening:
-        shown_host = f"[{host}]" if ":" in host else host
-        address = f"tcp://{shown_host}:{listening.getsockname()[1]}"
         print(f"Serving at {address}", file=sys.stderr, flush=True)
         try:
             while True:
                 served.accept(listening)
         except KeyboardInterrupt:
             return
-
-
-def _connected(address: str, path: str | None) -> socket.socket:
-    """Connect to an attack by its Unix socket; by host:port where there is none or it fails."""
-    if path and hasattr(socket, "AF_UNIX"):
-        connection = socket.socket(socket.AF_UNIX)
-        try:
-            connection.connect(path)
-        except OSError:  # such as in a container that has other files
-            connection.close()
-        else:
-            return connection
-    host, _, port = address.rpartition(":")
-    try:
-        return socket.create_connection((host, int(port)))
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"Expected an attack at {CONNECT}={shown(address)}, got {error}. Unset that variable "
-            "to serve without one."
-        ) from error
 
 
 class _Served:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,21 +12,16 @@ from gymnasium import spaces
 from pydantic import Field, ValidationError, model_validator
 
 from sada_gym.errors import UserError
+from sada_gym.foundations import serve_environment
 from sada_gym.foundations.files import OneLine, Strict, first_error, shown
+from sada_gym.foundations.serve_environment import DTYPES
 
 MAX_SPACE_BYTES = 2**24
 """The limit of one observation: a server keeps several arrays of this size for a connection."""
 
 DType = Literal["BOOL", "U8", "U16", "U32", "U64", "I8", "I16", "I32", "I64", "F16", "F32", "F64"]
-DTYPES = {
-    name: np.dtype(bool if name == "BOOL" else f"{name[0].lower()}{int(name[1:]) // 8}")
-    for name in get_args(DType)
-}
-"""NumPy's types of numbers by safetensors' names."""
-
 Array = npt.NDArray[Any]
 Name = Annotated[OneLine, Field(max_length=200)]
-NAMES = {dtype: name for name, dtype in DTYPES.items()}
 _Bound = int | float | str | None
 
 
@@ -37,7 +32,7 @@ class Numbers(Strict, strict=True):
     """
 
     kind: Literal["Box", "Discrete", "MultiDiscrete", "MultiBinary"]
-    shape: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=16)]
+    shape: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=16, strict=False)]
     dtype: DType
     low: _Bound
     high: _Bound
@@ -98,46 +93,10 @@ def describe(space: spaces.Space[Any], name: str, arrays: dict[str, Array]) -> N
         UserError: If it is no space of numbers, or flat dictionary of them, or too large.
     """
     try:
-        if isinstance(space, spaces.Dict):
-            parts = {key: _numbers(part, f"{name}.{key}", arrays) for key, part in space.items()}
-            return Parts(kind="Dict", parts=parts)
-        return _numbers(space, name, arrays)
+        described = serve_environment.describe(space, name, arrays)
+        return (Parts if described["kind"] == "Dict" else Numbers).model_validate(described)
     except ValidationError as error:
         raise UserError(
             f"Expected spaces that can be sent to an agent's process, got {shown(str(space))}: "
             f"{first_error(error, name)}. Change them by a wrapper."
         ) from error
-
-
-def _numbers(space: spaces.Space[Any], name: str, arrays: dict[str, Array]) -> Numbers:
-    low: Any
-    high: Any
-    if isinstance(space, spaces.Box):
-        low, high = space.low, space.high
-    elif isinstance(space, spaces.Discrete):
-        low, high = space.start, space.start + space.n - 1
-    elif isinstance(space, spaces.MultiDiscrete):
-        low, high = space.start, space.start + space.nvec - 1
-    else:
-        low, high = 0, 1
-
-    def bound(end: str, values: Any) -> _Bound:
-        values = np.asarray(values)
-        if values.size and (values == values.flat[0]).all():
-            number = values.flat[0]
-            if values.dtype.kind != "f":
-                return int(number)
-            return float(number) if math.isfinite(number) else None
-        arrays[f"{name}.{end}"] = values
-        return f"{name}.{end}"
-
-    kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
-    return Numbers.model_validate(
-        {
-            "kind": next((kind.__name__ for kind in kinds if isinstance(space, kind)), str(space)),
-            "shape": space.shape or (),
-            "dtype": NAMES.get(np.dtype(space.dtype), str(space.dtype)),
-            "low": bound("low", low),
-            "high": bound("high", high),
-        }
-    )

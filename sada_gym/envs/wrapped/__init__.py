@@ -20,7 +20,7 @@ from sada_gym.envs.wrapped.disturbances import (
 )
 from sada_gym.envs.wrapped.forces import Force, Push, Wind
 from sada_gym.envs.wrapped.scores import Episode
-from sada_gym.envs.wrapped.validity import mujoco_fault
+from sada_gym.foundations.serve_environment import mujoco_fault
 
 __all__ = [
     "ActionDelay",

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.functions import FunctionAgent
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.agents.remote.client import RemoteAgent
+from sada_gym.agents.remote.peer import Peer
+from sada_gym.agents.remote.places import Address, Program
 from sada_gym.application import OnError, check_declared
 from sada_gym.densities import WorldDensity
 from sada_gym.envs.checks import is_number
@@ -42,6 +43,7 @@ from sada_gym.envs.wrapped.loading import AgentLoader
 from sada_gym.envs.wrapped.paths import passed
 from sada_gym.envs.wrapped.pictures import EpisodePictures
 from sada_gym.envs.wrapped.scores import FunctionScore, ScoreLike, as_score
+from sada_gym.envs.wrapped.served import ServedEnvironment, server_of
 from sada_gym.errors import (
     Notice,
     UserError,
@@ -79,6 +81,8 @@ class GymnasiumApplication(EpisodePictures):
     Args:
         environment: An environment's id, `module:id`, or a function that makes one. A function gets
             `env_kwargs` and the parameters that are keywords, and `render_mode` where it takes it.
+            An environment with packages of its own is an address, "tcp://127.0.0.1:7789", or a
+            command that starts it, ["other/bin/python", "serve_environment.py", "CartPole-v1"].
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. An
             agent in a process of its own is an address, "tcp://127.0.0.1:7788", or a command that
@@ -135,8 +139,8 @@ class GymnasiumApplication(EpisodePictures):
         timeout: Seconds that the environment may take for an episode. A worker process is stopped
             in a call that takes longer, so use `workers=2` or more; a single process cannot
             interrupt a call.
-        agent_timeout: How many seconds an agent in a process of its own may take to start, and to
-            answer.
+        agent_timeout: How many seconds an agent or an environment in a process of its own may take
+            to start, and to answer.
         privileged: A second agent, of the same kinds as `agent`, such as a controller that knows
             the physics or an older checkpoint. Where it fails as well, a failure may not be the
             agent's own: attacks tell such worlds apart. `vec_normalize`, `deterministic` and
@@ -173,7 +177,7 @@ class GymnasiumApplication(EpisodePictures):
 
     def __init__(
         self,
-        environment: EnvLike,
+        environment: EnvLike | list[str] | Address | Program,
         *,
         agent: Any,
         parameters: Mapping[str, ParameterBinding | tuple[float, float]],
@@ -227,8 +231,10 @@ class GymnasiumApplication(EpisodePictures):
                 raise UserTypeError(f"Expected {flag} to be a bool, got {given!r}.")
         self._on_error, self._timeout, self._episode_count = on_error, timeout, episodes
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
+        server = server_of(environment)
+        made: Any = environment if server is None else ServedEnvironment(server, agent_timeout)
         kwargs = {} if env_kwargs is None else env_kwargs
-        factory = EnvFactory(environment, kwargs, max_steps, num_envs)
+        factory = EnvFactory(made, kwargs, max_steps, num_envs)
         statistics: Any = vec_normalize
         if statistics is not None and statistics is not False:
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
@@ -362,18 +368,19 @@ class GymnasiumApplication(EpisodePictures):
         self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
 
     def close(self) -> None:
-        """End the processes of agents that have one of their own, and kept environments."""
+        """End the processes of agents and of the environment, and kept environments."""
         if self.episode_spec.kept is not None:
             self.episode_spec.kept.close()
-        policies = [self.policy, *([] if self._privileged is None else [self._privileged.policy])]
-        for policy in policies:
-            if isinstance(policy, RemoteAgent):
-                policy.close()
+        privileged = None if self._privileged is None else self._privileged.policy
+        for peer in (self.policy, privileged, self.episode_spec.factory.environment):
+            if isinstance(peer, Peer):
+                peer.close()
 
     @property
     def settings(self) -> dict[str, Any]:
         """All that a score depends on besides the agent."""
         spec, factory = self.episode_spec, self.episode_spec.factory
+        served = factory.environment
         # only what differs from the default: stores keep their keys
         edges = {
             "on_error": None if self._on_error == "invalid" else self._on_error,
@@ -382,6 +389,7 @@ class GymnasiumApplication(EpisodePictures):
             "derived": spec.derived.settings or None,
             "timeout": None if self._timeout is None else float(self._timeout),
             "privileged": None if self._privileged is None else self._privileged.key,
+            "served": served.settings if isinstance(served, ServedEnvironment) else None,
         }
         return {
             **{key: value for key, value in edges.items() if value is not None},
@@ -400,8 +408,9 @@ class GymnasiumApplication(EpisodePictures):
     def _own_functions(self) -> dict[str, Any]:
         """The user's functions, by what they do: no fingerprint covers their code."""
         spec = self.episode_spec
+        made = spec.factory.environment
         functions = {
-            "environment": spec.factory.environment if callable(spec.factory.environment) else None,
+            "environment": None if isinstance(made, str | ServedEnvironment) else made,
             "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
             "valid": spec.valid,
             **{f"feasible {i}": condition for i, condition in enumerate(self._feasible.functions)},

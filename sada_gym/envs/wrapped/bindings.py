@@ -16,7 +16,6 @@ from sada_gym.densities import Density
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
 from sada_gym.envs.wrapped.paths import (
-    MISSING,
     names_several,
     no_such_path,
     read,
@@ -32,6 +31,7 @@ from sada_gym.errors import (
     plain,
 )
 from sada_gym.foundations.arrays import as_array
+from sada_gym.foundations.serve_environment import MISSING, Opaque
 from sada_gym.parameters import Parameter
 
 _ALL = ", or all by [:] at its end"
@@ -375,9 +375,10 @@ class Attribute(ParameterBinding):
             value = read(env.unwrapped, path)
             if value is MISSING:
                 raise no_such_path(name, path, factory, env)
-            if callable(value):
+            if callable(value) or isinstance(value, Opaque):
+                kind = "a function" if callable(value) else value
                 raise UserError(
-                    f"Expected a value at {path!r} of {factory.name} for {name!r}, got a function. "
+                    f"Expected a value at {path!r} of {factory.name} for {name!r}, got {kind}. "
                     "Name an attribute that holds a number."
                 )
             has_many = (isinstance(value, np.ndarray) and value.ndim) or isinstance(value, list)

@@ -23,10 +23,10 @@ import numpy as np
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.derived import Formula, is_numeric, is_path, overlap, paths_as_names
 from sada_gym.envs.wrapped.feasible import FUNCTIONS
-from sada_gym.envs.wrapped.paths import MISSING, plain_path
+from sada_gym.envs.wrapped.paths import held, plain_path
 from sada_gym.envs.wrapped.paths import read as read_path
-from sada_gym.envs.wrapped.validity import mujoco_model
 from sada_gym.errors import UserError
+from sada_gym.foundations.serve_environment import MISSING, mujoco_model
 
 _CASTS = ("float", "float32", "float64")
 _CONSTRUCTORS = ("__init__", "__post_init__")
@@ -199,7 +199,7 @@ class Survey:
         formulas = [formula for c in self.parts if (formula := _formula(c.text))]
         reads = [*(c.reads for c in self.parts), *(formula.reads for formula in formulas)]
         paths = {*self.targets, *(c.path for c in self.parts), *chain.from_iterable(reads)}
-        own = {name: _copied(value) for name, value in vars(world).items()}
+        own = {name: _copied(value) for name, value in held(world).items()}
         return Look(own, {path: _copied(read(world, path)) for path in paths})
 
     def stale(self, worlds: Sequence[Look], make: Callable[[], Look]) -> dict[str, str]:

@@ -17,9 +17,9 @@ from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.bindings import ParameterBinding
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.feasible import FUNCTIONS, Expression, spelling
-from sada_gym.envs.wrapped.paths import MISSING, plain_path, read, write
-from sada_gym.envs.wrapped.validity import mujoco_model
+from sada_gym.envs.wrapped.paths import held, plain_path, read, write
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_known, explained
+from sada_gym.foundations.serve_environment import MISSING, mujoco_model, update_model
 
 
 def is_path(part: ast.AST) -> bool:
@@ -101,7 +101,7 @@ class Derived:
                 f"'masspole + masscart'}}, got {given!r}."
             )
         world: Any = env.unwrapped
-        numbers = [key for key in vars(world) if is_number(getattr(world, key, None))]
+        numbers = [key for key, value in held(world).items() if is_number(value)]
         parameters = {spelling(name) for name in bindings}
         targets = [str(t) for name, binding in bindings.items() for t in binding.targets(name)]
         formulas = {path.strip(): Formula(text) for path, text in given.items()}
@@ -157,12 +157,8 @@ class Derived:
 
 def update_mujoco(env: Any) -> None:
     """Let MuJoCo compute anew what follows from its model, such as the masses of subtrees."""
-    model = mujoco_model(env)
-    if model is not None and (model.body_mass >= 0).all():
-        import mujoco
-
-        with explained("Expected MuJoCo to compute its model", "Narrow the ranges.", InvalidWorld):
-            mujoco.mj_setConst(model, mujoco.MjData(model))
+    with explained("Expected MuJoCo to compute its model", "Narrow the ranges.", InvalidWorld):
+        update_model(mujoco_model(env))
 
 
 def is_numeric(value: Any) -> bool:

@@ -28,12 +28,20 @@ from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
-from sada_gym.errors import InvalidWorld, UserError, UserTypeError, broken_world, explained
+from sada_gym.errors import (
+    InvalidWorld,
+    UserError,
+    UserTypeError,
+    WorkerError,
+    broken_world,
+    explained,
+)
 from sada_gym.evaluation import watch
 from sada_gym.foundations.arrays import Bytes, Floats, Indices, copied
 from sada_gym.foundations.environment_variables import environment_variables
 from sada_gym.foundations.files import shown
 from sada_gym.foundations.frames import as_frame
+from sada_gym.foundations.serve_environment import resident_bytes
 
 ResultT = TypeVar("ResultT")
 
@@ -43,7 +51,6 @@ MEMORY_BYTES = 2**28
 MOST_STEPS = 100_000
 """Steps after which a world breaks, where its environment is said to end its episodes by itself."""
 
-_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 _NO_FRAME = (240, 320, 3)
 
 _AGENT_STREAM = 2**31
@@ -125,10 +132,11 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         self._pictures = pictures
         self.running: list[RunningEpisode] = []
         try:
-            before = resident_bytes() if together else 0
+            measure = getattr(spec.factory.environment, "memory", resident_bytes)
+            before = measure() if together else 0
             for i, start in enumerate(starts):
                 full = together and i and i % together == 0
-                if full and (resident_bytes() - before) * (1 + together / i) > MEMORY_BYTES:
+                if full and (measure() - before) * (1 + together / i) > MEMORY_BYTES:
                     break  # the next world would not fit
                 self.running.append(RunningEpisode(spec, start, pictures=pictures))
         except BaseException:
@@ -368,7 +376,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._apply_bindings(after_reset=False)
         try:
             observation, info = self.env.reset(**kwargs)
-        except UserError:
+        except (UserError, WorkerError):
             raise
         except (Exception, SystemExit) as error:  # whatever an environment may raise
             raise self._broken("its reset", error) from error
@@ -380,7 +388,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         action = clip_action(action, self.action_space)
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
-        except UserError:
+        except (UserError, WorkerError):
             raise
         except (Exception, SystemExit) as error:  # whatever an environment may raise
             raise self._broken("a step", error) from error
@@ -475,15 +483,6 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
                     f"Expected the same {name.replace('_', ' ')} in all worlds, {shared}, got "
                     f"{own} {self._world}. Leave out the parameter that changes it."
                 )
-
-
-def resident_bytes() -> int:
-    """Return the memory that this process holds; 0 where the system does not tell it so."""
-    try:
-        with open("/proc/self/statm", "rb") as file:
-            return int(file.read().split()[1]) * _PAGE_BYTES
-    except OSError:
-        return 0
 
 
 def reset_arguments(

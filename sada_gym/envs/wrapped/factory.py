@@ -14,7 +14,15 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.errors import UserError, UserTypeError, broken_world, check_known, described
+from sada_gym.envs.wrapped.served import ServedEnvironment
+from sada_gym.errors import (
+    UserError,
+    UserTypeError,
+    WorkerError,
+    broken_world,
+    check_known,
+    described,
+)
 from sada_gym.foundations.ids import find_spec, receive_spec, sent_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
@@ -80,6 +88,8 @@ class EnvFactory:
     def identity(self) -> str:
         """The environment's id, or the function's module and qualified name, for settings."""
         given = self.environment
+        if isinstance(given, ServedEnvironment):
+            return f"served:{self.name}"
         return given if isinstance(given, str) else code_name(given)
 
     @property
@@ -114,7 +124,7 @@ class EnvFactory:
             keeper.close()
         # copies: an environment may write into a dictionary that it is given
         all_keywords = {**deepcopy(dict(self.env_kwargs)), **keywords}
-        by_id = isinstance(self.environment, str)
+        by_id = isinstance(self.environment, str | ServedEnvironment)
         if render_mode is not None:
             all_keywords["render_mode"] = render_mode
         limit = None if self.max_steps == "own" else self.max_steps
@@ -126,7 +136,7 @@ class EnvFactory:
         )
         try:
             env: Any = self._creator(**all_keywords)
-        except UserError:
+        except (UserError, WorkerError):
             raise
         except ImportError as error:
             raise self._missing_package(error) from error

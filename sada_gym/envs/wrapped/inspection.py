@@ -41,6 +41,7 @@ from sada_gym.envs.wrapped.episodes import (
 )
 from sada_gym.envs.wrapped.factory import EnvFactory, has_time_limit, layers
 from sada_gym.envs.wrapped.paths import passed
+from sada_gym.envs.wrapped.served import ServedEnvironment
 from sada_gym.errors import Notice, UserError, explained
 
 _ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
@@ -121,7 +122,7 @@ def packages_of(env: gym.Env[Any, Any]) -> tuple[str, ...]:
 
 def name_and_version(factory: EnvFactory, env: gym.Env[Any, Any]) -> tuple[str, int]:
     """Split an id into its name and version; a class has version 0."""
-    if not isinstance(factory.environment, str):
+    if not isinstance(factory.environment, str | ServedEnvironment):
         return type(env.unwrapped).__name__, 0
     match = _ID.fullmatch(factory.name)
     return (factory.name, 0) if match is None else (match[1], int(match[2]))

@@ -6,8 +6,7 @@ import difflib
 import re
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import gymnasium as gym
@@ -15,15 +14,14 @@ import numpy as np
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory
+from sada_gym.envs.wrapped.served import ServedEnv
 from sada_gym.errors import InvalidWorld, UserError, explained
 from sada_gym.foundations.arrays import Bools
+from sada_gym.foundations.serve_environment import MISSING, assign, follow
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _ENTRY = re.compile(r"""\[(?:"([^"]*)"|'([^']*)'|([^\]\["']*))\]""")
 _INDEX = re.compile(r"\s*(-?\d+)?\s*(?:(:)\s*(-?\d+)?\s*(?::\s*(-?\d+)?)?)?\s*")
-
-MISSING = object()
-"""What `read` returns where a path leads nowhere."""
 
 _ALL = np.ones((), np.bool_)
 _CONTAINERS = (list, dict, np.ndarray)
@@ -31,23 +29,10 @@ _BEFORE_RESET = "_sada_gym_before_reset"
 _CHANGED = "_sada_gym_changed_by_reset"
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A step of a path in brackets: a key, an index, a slice, or a tuple of these."""
-
-    at: Any
-
-    @property
-    def is_several(self) -> bool:
-        """Whether it has a slice."""
-        return any(
-            isinstance(i, slice) for i in (self.at if isinstance(self.at, tuple) else [self.at])
-        )
-
-
 @cache
-def _steps(path: str) -> tuple[str | _Entry, ...]:
-    steps: list[str | _Entry] = []
+def _steps(path: str) -> tuple[Any, ...]:
+    """Split a path into names and `(key,)` of brackets: a key, an index, a slice, or a tuple."""
+    steps: list[Any] = []
     rest = f".{path}"
     while rest:
         name = _NAME.match(rest, 1) if rest[0] == "." else None
@@ -55,7 +40,7 @@ def _steps(path: str) -> tuple[str | _Entry, ...]:
         match = name or entry
         if match is None:
             raise _no_path(path)
-        steps.append(match[0] if entry is None else _Entry(_place(entry, path)))
+        steps.append(match[0] if entry is None else (_place(entry, path),))
         rest = rest[match.end() :]
     return tuple(steps)
 
@@ -81,25 +66,20 @@ def _no_path(path: str) -> UserError:
     )
 
 
-def _get(holder: Any, step: str | _Entry) -> Any:
-    try:
-        key = step.at if isinstance(step, _Entry) else step
-        if isinstance(holder, Mapping) and key in holder:
-            return holder[key]
-        return getattr(holder, step) if isinstance(step, str) else holder[key]
-    except (AttributeError, IndexError, KeyError, TypeError):
-        return MISSING
-
-
 def read(env: Any, path: str) -> Any:
     """Return what a path names, or `MISSING`.
 
     A name after a dot is an attribute, or the entry of that name where a dictionary holds it.
     """
-    value = env
-    for step in _steps(path):
-        value = _get(value, step)
-    return value
+    steps = _steps(path)
+    return env.read_steps(steps) if isinstance(env, ServedEnv) else reduce(follow, steps, env)
+
+
+def held(world: Any) -> dict[str, Any]:
+    """Return the attributes of an object, in another process those that are numbers."""
+    if isinstance(world, ServedEnv):
+        return {name: read(world, name) for name in world.numbers}
+    return {**vars(world)}
 
 
 def plain_path(path: str) -> str:
@@ -112,20 +92,23 @@ def passed(env: Any, path: str) -> list[Any]:
 
     None stands for what the class holds: `write` and `scale` copy it.
     """
+    if isinstance(env, ServedEnv):  # its server knows
+        return []
     first, *rest = _steps(path)
-    value = _get(env, first)
+    value = follow(env, first)
     if isinstance(first, str) and first not in vars(env) and isinstance(value, _CONTAINERS):
         return []
     values = [value]
     for step in rest:
-        values.append(value := _get(value, step))
+        values.append(value := follow(value, step))
     return values if isinstance(value, _CONTAINERS) else values[:-1]
 
 
 def names_several(path: str) -> bool:
     """Say whether a path ends in a slice, as in `model.body_mass[:]`."""
     last = _steps(path)[-1]
-    return isinstance(last, _Entry) and last.is_several
+    at = last[0] if isinstance(last, tuple) else None
+    return any(isinstance(i, slice) for i in (at if isinstance(at, tuple) else [at]))
 
 
 def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
@@ -184,24 +167,12 @@ def _current(env: Any, path: str, *, must_exist: bool) -> Any:
 
 
 def _set(env: Any, path: str, value: Any) -> None:
-    first, *_ = steps = _steps(path)
-    if isinstance(first, str) and first not in vars(env) and (len(steps) > 1 or _has_many(value)):
-        shared = getattr(type(env), first, None)
-        if isinstance(shared, _CONTAINERS):  # of the class: other episodes share it
-            setattr(env, first, deepcopy(shared))
-    holder, last = env, steps[-1]
-    for step in steps[:-1]:
-        holder = _get(holder, step)
     mend = "Name another attribute, or set it by Function(low, high, set=...)."
     with explained(f"Expected {path!r} to be settable to {value!r}", mend, InvalidWorld):
-        if isinstance(last, _Entry):
-            holder[last.at] = value
-        elif isinstance(holder, Mapping) and last in holder:
-            holder[last] = value  # type: ignore[index]
-        elif isinstance(current := getattr(holder, last, None), np.ndarray) and current.ndim:
-            current[...] = value  # others may hold the same array
+        if isinstance(env, ServedEnv):
+            env.write_steps(_steps(path), value)
         else:
-            setattr(holder, last, value)
+            assign(env, _steps(path), value)
 
 
 def _has_many(value: Any) -> bool:

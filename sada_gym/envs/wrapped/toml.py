@@ -24,6 +24,7 @@ from sada_gym.agents.built_in import BUILT_IN
 from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
+from sada_gym.envs.wrapped.served import server_of
 from sada_gym.errors import UserError, UserTypeError, check_known, described
 from sada_gym.foundations.files import as_path, read_toml
 
@@ -59,6 +60,7 @@ _TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mappin
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
     "max_steps": "a whole number",
+    "environment": "a text in quotes, or a command as an array of texts",
     "agent": "a text in quotes, or a command as an array of texts",
     "privileged": "a text in quotes, or a command as an array of texts",
     "vec_normalize": "the path of a file in quotes, or false",
@@ -119,7 +121,9 @@ def application_of(
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
     _check_values(table, path)
     _check_types(table, keys, path)
-    _check_own(table["environment"], path)
+    server = server_of(table["environment"], path.parent)
+    if server is None:
+        _check_own(table["environment"], path)
     agents = {key: table[key] for key in ("agent", "privileged") if key in table}
     arguments = {**table, **{key: agent_of(given, path, key) for key, given in agents.items()}}
     if agent is not None:
@@ -131,7 +135,8 @@ def application_of(
     }
     if isinstance(table.get("vec_normalize"), str):
         arguments["vec_normalize"] = path.parent / os.path.expanduser(table["vec_normalize"])
-    return GymnasiumApplication(arguments.pop("environment"), **arguments)
+    environment = arguments.pop("environment")
+    return GymnasiumApplication(environment if server is None else server, **arguments)
 
 
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:
@@ -139,6 +144,7 @@ def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     constructor: Any = GymnasiumApplication.__init__
     hints = {
         **get_type_hints(constructor, localns=_NAMES),
+        "environment": str | list[str],
         "agent": str | list[str],
         "privileged": str | list[str],
         "valid": str,
