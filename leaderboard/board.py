@@ -127,7 +127,7 @@ def make_board(
     outdated = []
     for entry in entries:
         for result in entry.results.values():
-            experiment = result.claimed.experiment
+            experiment = result.experiment
             track, agent = experiment.target.track, experiment.target.agent
             if lacking := missing_part(track, agent):
                 missing[track] = lacking

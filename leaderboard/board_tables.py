@@ -231,7 +231,7 @@ def uniform_rate(track: str, agent: str, entries: Sequence[Entry]) -> float | No
         targets = [current_target(track, agent).target]
     else:
         results = (result for entry in entries for result in entry.results.values())
-        targets = [result.claimed.experiment.target for result in results]
+        targets = [result.experiment.target for result in results]
     for target in targets:
         if (target.track, target.agent) == (track, agent) and target.reference is not None:
             return target.reference.uniform_rate
@@ -343,7 +343,7 @@ def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:
     """List results that no longer compare with others."""
     lines = []
     for late in outdated:
-        experiment, metadata = late.result.claimed.experiment, late.entry.metadata
+        experiment, metadata = late.result.experiment, late.entry.metadata
         rates = [seed.measures.afr for seed in late.result.claimed.seeds if seed.measures]
         cells = (
             entry_link(metadata.name, metadata.title),

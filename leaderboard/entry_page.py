@@ -176,5 +176,5 @@ def _flag(name: str, sentences: Iterable[tuple[str, str]]) -> Flag:
 
 
 def _where(result: EntryResult) -> str:
-    experiment = result.claimed.experiment
+    experiment = result.experiment
     return f"{experiment.target}, {experiment.protocol.rule}"

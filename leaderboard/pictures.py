@@ -56,7 +56,7 @@ class Pictures:
             return ()
         try:
             opened = {
-                track: result.claimed.experiment.target.open()
+                track: result.experiment.target.open()
                 for track, result in results.items()
                 if result.samples
             }

@@ -87,7 +87,7 @@ def of_entries(folder: Path) -> None:
     results = defaultdict(list)
     for entry in read_entries(folder):
         for result in entry.results.values():
-            experiment = result.claimed.experiment
+            experiment = result.experiment
             application = experiment.target.application.name
             card = find_card(application)
             if experiment.adversary.name == IDEAL or card is None:

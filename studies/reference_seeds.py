@@ -136,7 +136,7 @@ def fixed_samples(
     chosen = {"uniform": box[-size:], "found": fooling[:size], "found, half": half[:size]}
     for name in BOARD:
         for result in read_entry(ENTRIES / name).results.values():
-            target = result.claimed.experiment.target
+            target = result.experiment.target
             if (target.track, target.agent) == (track, agent):
                 chosen[name] = result.samples[0].mu[:size]
     return {

@@ -102,7 +102,7 @@ def test_strangers_options_are_theirs():
 def change(folder, *, seeds=None, samples=None, **changes):
     """Write the only result of an entry anew, so that its hash fits."""
     result = only_result(folder)
-    experiment = with_changes(result.claimed.experiment, **changes)
+    experiment = with_changes(result.experiment, **changes)
     claims = [claims.model_copy(update=seeds or {}) for claims in result.claimed.seeds]
     all_samples = {s: samples(rows) if samples else rows for s, rows in result.samples.items()}
     replace_result(folder, EntryResult(Result.make(experiment, claims), all_samples))
@@ -123,7 +123,7 @@ def make_verified(result):
 def test_verified_results_are_no_submission(tmp_path):
     folder = make_entry(tmp_path)
     result = only_result(folder)
-    files = GroupFiles(folder, result.group)
+    files = GroupFiles(folder, result.experiment.group)
     files.add_verified(result.place, make_verified(result))
     check_entry(folder, submission=False)
     with pytest.raises(UserError, match="Expected no results of the verifier in a submission"):
@@ -137,7 +137,7 @@ def test_verified_results_are_no_submission(tmp_path):
 def test_findings_are_of_results(tmp_path, place):
     folder = make_entry(tmp_path)
     result = only_result(folder)
-    files = GroupFiles(folder, result.group)
+    files = GroupFiles(folder, result.experiment.group)
     files.add_verified(place, make_verified(result))
     with pytest.raises(UserError, match=r"Expected findings of .*paper-budgets.* got") as caught:
         check_entry(folder, submission=False)
@@ -147,7 +147,7 @@ def test_findings_are_of_results(tmp_path, place):
 def test_a_place_is_in_one_group_alone(tmp_path):
     folder = make_entry(tmp_path)
     result = only_result(folder)
-    experiment = with_changes(result.claimed.experiment, application={"name": "SADA-Other"})
+    experiment = with_changes(result.experiment, application={"name": "SADA-Other"})
     write_results(folder, [replace(result, claimed=Result.make(experiment, result.claimed.seeds))])
     with pytest.raises(
         UserError, match=r"Expected SADA-Analytic-v0.paper-budgets once in .*, got it in"
@@ -178,7 +178,7 @@ def test_coverage_must_be_that_of_the_samples(digits, tmp_path):
 def test_seeds_cannot_be_chosen(tmp_path):
     folder = make_entry(tmp_path)
     result = only_result(folder)
-    claimed = Result.make(result.claimed.experiment, result.claimed.seeds[1:])
+    claimed = Result.make(result.experiment, result.claimed.seeds[1:])
     replace_result(folder, EntryResult(claimed, {1: result.samples[1]}))
     check_entry(folder, submission=False)
     with pytest.raises(UserError, match=r"Expected the seeds 0, 1, 2 and so on for .*, got .1."):

@@ -97,7 +97,7 @@ def test_what_is_written_is_read(folder):
     assert entry.adversary == make_experiment().adversary
     assert list(entry.results) == [PLACE]
     (result,) = entry.results.values()
-    assert result.claimed.experiment == make_experiment()
+    assert result.experiment == make_experiment()
     assert [claims.seed for claims in result.claimed.seeds] == [0, 1, 7]
     assert list(result.samples) == [0, 1]
     assert result.tier == "claimed"

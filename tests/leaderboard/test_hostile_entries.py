@@ -182,7 +182,9 @@ def joined(**changes):
 
     def spoil(folder):
         other = make_entry(folder.parent, "other", **changes)
-        ((files, theirs),) = [(GroupFiles(folder, r.group), r) for r in [only_result(other)]]
+        ((files, theirs),) = [
+            (GroupFiles(folder, r.experiment.group), r) for r in [only_result(other)]
+        ]
         files.write([*files.read().values(), theirs])
 
     return spoil

@@ -62,7 +62,7 @@ def test_runs_become_an_entry(runs, tmp_path):
     assert entry.folder == tmp_path / "mine"
     result = entry.results[PLACE]
     assert [claims.seed for claims in result.claimed.seeds] == [0, 1]
-    assert result.claimed.experiment.protocol.budget == 1_000
+    assert result.experiment.protocol.budget == 1_000
     assert [claims.queries for claims in result.claimed.seeds] == [100, 100]
     assert result.claimed.seeds[0].search.queries == 100
     assert entry.metadata.title == "mine"
@@ -89,7 +89,7 @@ def test_what_was_verified_of_other_results_stays(runs, tmp_path):
     result = entry.results[PLACE]
     salt = "mine", result.claimed.sha256
     verified = Verified.make(result.claimed, result.samples, salt, "1")
-    files = GroupFiles(entry.folder, result.group)
+    files = GroupFiles(entry.folder, result.experiment.group)
     files.add_verified(PLACE, verified)
     entry = submit(runs[:1], ME, rule="equal-queries", out=tmp_path)
     assert {place: result.tier for place, result in entry.results.items()} == {
@@ -105,7 +105,7 @@ def test_what_was_verified_of_other_results_stays(runs, tmp_path):
 def test_an_outdated_result_stays_beside_new_ones(runs, tmp_path):
     entry = submit(runs, ME, out=tmp_path)
     result = entry.results[PLACE]
-    experiment = with_changes(result.claimed.experiment, application={"fingerprint": "0" * 64})
+    experiment = with_changes(result.experiment, application={"fingerprint": "0" * 64})
     outdated = replace(result, claimed=Result.make(experiment, result.claimed.seeds))
     replace_result(entry.folder, outdated)
     entry = submit(runs[:1], ME, rule="equal-queries", out=tmp_path)

@@ -96,7 +96,7 @@ def settings(entries):
     """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
     figures = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
     figures |= {
-        f"{result.claimed.experiment.protocol.budget:,}"
+        f"{result.experiment.protocol.budget:,}"
         for entry in entries
         for result in entry.results.values()
     }
@@ -144,4 +144,4 @@ def test_the_entries_pass_the_checks_and_are_of_today(entries):
     for entry in entries:
         check_entry(entry.folder, submission=False)
         for result in entry.results.values():
-            assert find_outdated(result.claimed.experiment) is None
+            assert find_outdated(result.experiment) is None

@@ -220,7 +220,7 @@ def test_a_refused_entry_does_not_stop_the_others(entry):
 
 def test_an_outdated_result_is_not_evaluated(entry):
     result = only_result(entry)
-    experiment = with_changes(result.claimed.experiment, application={"fingerprint": "0" * 64})
+    experiment = with_changes(result.experiment, application={"fingerprint": "0" * 64})
     claimed = Result.make(experiment, result.claimed.seeds)
     replace_result(entry, EntryResult(claimed, result.samples))
     (finding,) = verify([entry], "nonce")

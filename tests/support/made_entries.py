@@ -127,7 +127,7 @@ def replace_result(folder: Path, result: EntryResult) -> None:
     for path in folder.iterdir():
         if path.name != "entry.toml":
             path.unlink()
-    GroupFiles(folder, result.group).write([result])
+    GroupFiles(folder, result.experiment.group).write([result])
 
 
 def rescored(claims: SeedResult, scores: npt.NDArray[np.float64], threshold: float) -> SeedResult:
@@ -146,7 +146,7 @@ def rescored(claims: SeedResult, scores: npt.NDArray[np.float64], threshold: flo
 def change_samples(folder: Path, change: Callable[[Evaluations], Evaluations]) -> None:
     """Write an entry's only result anew, whose claims follow from `change(samples of a seed)`."""
     result = only_result(folder)
-    experiment = result.claimed.experiment
+    experiment = result.experiment
     samples = {seed: change(rows) for seed, rows in result.samples.items()}
     claims = [
         rescored(claims, samples[claims.seed].score, experiment.target.fooling_threshold)

@@ -59,7 +59,7 @@ def find_missing(entries: Path, plan: BenchmarkPlan) -> Missing:
             files_read[files] = files.read(claims.get(files))
         place = run.experiment.place
         known = files_read[files].get(place)
-        if known is None or known.claimed.experiment == run.experiment.at(None):
+        if known is None or known.experiment == run.experiment.at(None):
             if known is not None and run.seed in {claims.seed for claims in known.claimed.seeds}:
                 continue
             lacking.add((files.claims, place))
@@ -85,7 +85,7 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
     results = files.read()
     experiment = settings.experiment.at(None)
     result = results.get(experiment.place)
-    if result is None or result.claimed.experiment != experiment:
+    if result is None or result.experiment != experiment:
         result = EntryResult(Result.make(experiment, ()), {})
     result = result.with_seed(SeedResult.of(done.result), done.samples)
     files.write((results | {result.place: result}).values())

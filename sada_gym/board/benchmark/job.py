@@ -21,7 +21,7 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.experiment.algorithm import Algorithm1, OnProgress, ignore_progress
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import RunFailure, RunReport, RunSettings
-from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.experiment.target import OpenTarget
 
 _PATIENCE_S = 60.0
 
@@ -114,29 +114,26 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
     )
 
 
-class _Kept(threading.local):
-    """The target of this thread's last run: the next one mostly attacks the same."""
-
-    opened: tuple[Target, int, OpenTarget] | None = None
-
-
-_kept = _Kept()
+_kept = threading.local()
+"""The open target of this thread's last run: the next one mostly attacks the same."""
 
 
 def _evaluator(job: RunJob) -> Evaluator:
-    target = job.group.target
-    if _kept.opened is None or _kept.opened[:2] != (target, job.workers):
+    wanted = job.group.target, job.workers
+    if vars(_kept).get("wanted") != wanted:
         _forget()
         for name in {run.experiment.adversary.name for run in job.group.runs} - {IDEAL}:
             adversaries.resolve(name, {})  # all modules are loaded now, not hours later
-        _kept.opened = target, job.workers, target.open(workers=job.workers)
-    return _kept.opened[2].evaluator
+        _kept.target, _kept.wanted = job.group.target.open(workers=job.workers), wanted
+    target: OpenTarget = _kept.target
+    return target.evaluator
 
 
 def _forget() -> None:
-    opened, _kept.opened = _kept.opened, None
-    if opened is not None:
-        opened[2].close(now=True)
+    target: OpenTarget | None = vars(_kept).pop("target", None)
+    vars(_kept).clear()
+    if target is not None:
+        target.close(now=True)
 
 
 @contextmanager

@@ -61,12 +61,10 @@ class Results:
     """The results of entries, put together in tables.
 
     Attributes:
-        packages: The versions of the packages that took part in any run, by package.
         targets: The agents that were attacked.
         comparisons: Each table with each agent that it attacks.
     """
 
-    packages: dict[str, tuple[str, ...]]
     targets: tuple[Target, ...]
     comparisons: tuple[Comparison, ...]
 
@@ -74,6 +72,15 @@ class Results:
     def runs(self) -> tuple[RunSummary, ...]:
         """All runs."""
         return tuple(run for comparison in self.comparisons for run in comparison.runs)
+
+    @property
+    def packages(self) -> dict[str, tuple[str, ...]]:
+        """The versions of the packages that took part in any run, by package."""
+        versions: dict[str, set[str]] = {}
+        for name, version in (pair for run in self.runs for pair in run.claims.packages.items()):
+            versions.setdefault(name, set()).add(version)
+        ordered = in_order({name: ", ".join(sorted(several)) for name, several in versions.items()})
+        return {name: tuple(sorted(versions[name])) for name in ordered}
 
     def seeds_of(self, target: Target) -> list[int]:
         """List the seeds of the runs that attack a target."""
@@ -110,19 +117,16 @@ def results_of(
     """
     if not tables:
         tables = tables_of(
-            {r.claimed.experiment.protocol.rule for e in entries for r in e.results.values()}
+            {r.experiment.protocol.rule for e in entries for r in e.results.values()}
         )
     labels = _labels(entries)
     targets: dict[tuple[str, str], Target] = {}
     runs_of: dict[tuple[int, str], list[RunSummary]] = {}
-    versions: dict[str, set[str]] = {}
     for entry in entries:
         name = entry.metadata.name
         for result in entry.results.values():
-            target = result.claimed.experiment.target
-            showing = [
-                i for i, table in enumerate(tables) if table.shows(result.claimed.experiment)
-            ]
+            target = result.experiment.target
+            showing = [i for i, table in enumerate(tables) if table.shows(result.experiment)]
             runs = list(_runs(labels[name], name, result, tier)) if showing else []
             if runs:
                 check_same_record(
@@ -131,23 +135,15 @@ def results_of(
                     target.model_dump(),
                     "Leave those out that are outdated, or make them anew.",
                 )
-            for run in runs:
-                for package, version in run.claims.packages.items():
-                    versions.setdefault(package, set()).add(version)
                 for table in showing:
-                    runs_of.setdefault((table, target.agent), []).append(run)
+                    runs_of.setdefault((table, target.agent), []).extend(runs)
     known = agents.names()
     comparisons = tuple(
         Comparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
         for table, agent in sorted(runs_of, key=lambda key: (key[0], _place(key[1], known)))
     )
     attacked = dict.fromkeys((track, c.agent) for c in comparisons for track in c.tracks)
-    ordered = in_order({name: ", ".join(sorted(several)) for name, several in versions.items()})
-    return Results(
-        packages={name: tuple(sorted(versions[name])) for name in ordered},
-        targets=tuple(targets[key] for key in attacked),
-        comparisons=comparisons,
-    )
+    return Results(tuple(targets[key] for key in attacked), comparisons)
 
 
 def _labels(entries: Sequence[Entry]) -> dict[str, str]:
@@ -162,7 +158,7 @@ def _labels(entries: Sequence[Entry]) -> dict[str, str]:
 
 def _runs(label: str, entry: str, result: EntryResult, tier: Tier) -> Iterator[RunSummary]:
     """Return each seed of a result, with the verifier's measures and flags in its tier."""
-    experiment, verified = result.claimed.experiment, result.verified
+    experiment, verified = result.experiment, result.verified
     measures = {seed.seed: seed.measures for seed in verified.seeds} if verified else {}
     flags = verified.flags if verified else {}
     for claims in result.claimed.seeds:

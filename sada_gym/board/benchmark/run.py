@@ -203,11 +203,11 @@ def report_benchmark(
         entry.keeping(lambda result: suite is None or result.track in suite.tracks)
         for entry in read_entries(entries_folder)
     ]
-    attacked = [r.claimed.experiment.target for entry in claimed for r in entry.results.values()]
+    attacked = [r.experiment.target for entry in claimed for r in entry.results.values()]
     targets = _open_targets({(target.track, target.agent) for target in attacked}, references)
 
     def is_current(result: EntryResult) -> bool:
-        target = result.claimed.experiment.target
+        target = result.experiment.target
         current = targets.get((target.track, target.agent))
         return current is not None and current.target == target
 

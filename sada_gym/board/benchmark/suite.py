@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
@@ -268,6 +267,14 @@ def find_adversary(text: str) -> tuple[str, AdversarySpec]:
     return spec.label, spec
 
 
+_RANGES = {
+    "seeds": (1, MAX_SEEDS),
+    "budget": (1, MAX_QUERIES),
+    "samples": (1, MAX_QUERIES),
+    "images": (0, None),
+}
+
+
 def choose(
     suite: BenchmarkSuite,
     *,
@@ -290,36 +297,34 @@ def choose(
         ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
             range.
     """
-    for name, value, minimum, maximum in (
-        ("seeds", seeds, 1, MAX_SEEDS),
-        ("budget", budget, 1, MAX_QUERIES),
-        ("samples", samples, 1, MAX_QUERIES),
-        ("images", images, 0, None),
-    ):
+    numbers = {"seeds": seeds, "budget": budget, "samples": samples, "images": images}
+    for name, value in numbers.items():
         if value is not None:
-            check_integer(name, value, minimum, maximum)
+            check_integer(name, value, *_RANGES[name])
     for file in filter(names_file, tracks):
         raise UserError(
             f"Expected tracks that are ids of environments, got the file {file}. Attack it by "
             "sada-gym attack."
         )
     check_known("table", tables, [table.name for table in suite.tables])
-    changes: dict[str, Any] = {
-        "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,
-        "tables": tuple(
-            _changed(table, tuple(dict.fromkeys(agents)), budget, samples)
-            for table in suite.tables
-            if not tables or table.name in tables
-        ),
-    }
+    of_tables: dict[str, Any] = {}
+    if samples is not None:
+        of_tables["samples"] = samples
+    if agents:
+        of_tables["agents"] = tuple(dict.fromkeys(agents))
+
+    def changed(table: Table) -> Table:
+        if budget is None:
+            return table.model_copy(update=of_tables)
+        rule = Budget(queries=budget, boosting_on_top=table.budget.boosting_on_top)
+        return table.model_copy(update={**of_tables, "budget": rule, "budget_of": {}})
+
+    kept = [table for table in suite.tables if not tables or table.name in tables]
+    changes: dict[str, Any] = {"tables": tuple(map(changed, kept))}
+    if tracks:
+        changes["tracks"] = tuple(dict.fromkeys(tracks))
     if chosen:
-        pairs = [find_adversary(text) for text in dict.fromkeys(chosen)]
-        for label, times in Counter(label for label, _ in pairs).items():
-            if times > 1:
-                raise UserError(
-                    f"Expected distinct adversaries, got {label!r} twice. Name it once."
-                )
-        changes["adversaries"] = dict(pairs)
+        changes["adversaries"] = _find_adversaries(chosen)
     if seeds is not None:
         changes |= {"seeds": seeds, "seeds_of": {}}
     if images is not None:
@@ -327,13 +332,10 @@ def choose(
     return suite.model_copy(update=changes)
 
 
-def _changed(
-    table: Table, agents: tuple[str, ...], budget: int | None, samples: int | None
-) -> Table:
-    changes: dict[str, Any] = {} if samples is None else {"samples": samples}
-    if agents:
-        changes["agents"] = agents
-    if budget is not None:
-        rule = Budget(queries=budget, boosting_on_top=table.budget.boosting_on_top)
-        changes |= {"budget": rule, "budget_of": {}}
-    return table.model_copy(update=changes)
+def _find_adversaries(texts: Sequence[str]) -> dict[str, AdversarySpec]:
+    specs: dict[str, AdversarySpec] = {}
+    for label, spec in map(find_adversary, dict.fromkeys(texts)):
+        if label in specs:
+            raise UserError(f"Expected distinct adversaries, got {label!r} twice. Name it once.")
+        specs[label] = spec
+    return specs

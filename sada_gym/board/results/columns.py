@@ -25,8 +25,8 @@ def _runs(row: Row, _: int) -> Cell:
     return Cell(text=f"{row.runs}{failed}", value=row.runs, note=note)
 
 
-def _rate(key: str) -> RowCell:
-    return lambda row, places: rate_cell(getattr(row, key), places)
+def _rate(key: str, title: str, hint: str) -> tuple[Column, RowCell]:
+    return Column(key, title, hint), lambda row, places: rate_cell(getattr(row, key), places)
 
 
 def _mean(name: str, decimals: int | None) -> RowCell:
@@ -37,14 +37,11 @@ def _mean(name: str, decimals: int | None) -> RowCell:
 
 _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
     (text_column("adversary"), lambda row, _: text_cell(row.label)),
-    (
-        Column(
-            "f1",
-            "F1, %",
-            "How often the samples fool and how much they cover, in one figure, with its 95 % "
-            "interval: the harmonic mean of AFR / ideal AFR (at most 100 %) and coverage / ideal.",
-        ),
-        _rate("f1"),
+    _rate(
+        "f1",
+        "F1, %",
+        "How often the samples fool and how much they cover, in one figure, with its 95 % "
+        "interval: the harmonic mean of AFR / ideal AFR (at most 100 %) and coverage / ideal.",
     ),
     (
         Column(
@@ -56,21 +53,12 @@ _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
         ),
         lambda row, _: BLANK if row.rank is None else text_cell(row.rank),
     ),
-    (
-        Column("afr", "AFR, %", "Attack fooling rate, mean over tracks, with its 95 % interval."),
-        _rate("afr"),
-    ),
-    (
-        Column("afr_iqm", "IQM, %", "The interquartile mean of the AFR over all runs."),
-        _rate("afr_iqm"),
-    ),
-    (
-        Column(
-            "relative_coverage",
-            "coverage / ideal, %",
-            "The share of the known failures that the samples cover; ideal samples are 100 %.",
-        ),
-        _rate("relative_coverage"),
+    _rate("afr", "AFR, %", "Attack fooling rate, mean over tracks, with its 95 % interval."),
+    _rate("afr_iqm", "IQM, %", "The interquartile mean of the AFR over all runs."),
+    _rate(
+        "relative_coverage",
+        "coverage / ideal, %",
+        "The share of the known failures that the samples cover; ideal samples are 100 %.",
     ),
     (
         Column("coverage", "coverage, %", "The same without dividing by ideal samples' coverage."),

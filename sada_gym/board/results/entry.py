@@ -39,6 +39,7 @@ from sada_gym.board.results.samples import (
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.record import Experiment
 from sada_gym.foundations.files import (
     file_errors,
     first_error,
@@ -67,19 +68,19 @@ class EntryResult:
     verified: Verified | None = None
 
     @property
+    def experiment(self) -> Experiment:
+        """What the result is of, without a seed."""
+        return self.claimed.experiment
+
+    @property
     def place(self) -> str:
         """The result's place in its entry: `TRACK.AGENT.RULE`."""
-        return self.claimed.experiment.place
+        return self.experiment.place
 
     @property
     def track(self) -> str:
         """The environment's id."""
-        return self.claimed.experiment.target.track
-
-    @property
-    def group(self) -> str:
-        """What the names of the files that hold it begin with."""
-        return self.claimed.experiment.group
+        return self.experiment.target.track
 
     @property
     def tier(self) -> Tier:
@@ -92,7 +93,7 @@ class EntryResult:
         all_samples = {**self.samples, claims.seed: samples}
         return replace(
             self,
-            claimed=Result.make(self.claimed.experiment, seeds.values()),
+            claimed=Result.make(self.experiment, seeds.values()),
             samples={s: rows for s, rows in sorted(all_samples.items()) if rows is not None},
             verified=None,
         )
@@ -216,7 +217,7 @@ class Entry:
     @property
     def adversary(self) -> AdversarySpec | None:
         """The adversary, the same of all results; None where there are no results."""
-        return next((r.claimed.experiment.adversary for r in self.results.values()), None)
+        return next((r.experiment.adversary for r in self.results.values()), None)
 
     def keeping(self, wanted: Callable[[EntryResult], bool]) -> Entry:
         """Return the entry with those of its results that are wanted."""
@@ -242,7 +243,7 @@ def write_results(folder: Path, results: Iterable[EntryResult]) -> None:
     """Write results into an entry, in the place of those that it has in the same places."""
     by_group: dict[str, list[EntryResult]] = {}
     for result in results:
-        by_group.setdefault(result.group, []).append(result)
+        by_group.setdefault(result.experiment.group, []).append(result)
     for group, new in by_group.items():
         files = GroupFiles(folder, group)
         files.write((files.read() | {result.place: result for result in new}).values())

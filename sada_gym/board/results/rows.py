@@ -44,11 +44,6 @@ class RunSummary(Strict):
         return self.experiment.target.track
 
     @property
-    def samples(self) -> int:
-        """The number of test samples, M."""
-        return self.experiment.protocol.samples
-
-    @property
     def measures(self) -> Measures | None:
         """The measures of the test samples; None after an error."""
         return self.claims.measures
@@ -193,7 +188,7 @@ def _row(
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
     rates = measured(lambda m: m.afr)
-    samples = {run.track: run.samples for run, _ in good}
+    samples = {run.track: run.experiment.protocol.samples for run, _ in good}
     has_f1 = ideal_afr is not None and all(m.relative_coverage is not None for _, m in good)
     return Row(
         label=first.label,

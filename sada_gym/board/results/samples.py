@@ -89,14 +89,8 @@ def _unpack(
     check_ascending(path, f"seeds of {place}", ascending)
     if ascending[0] < 0:
         raise FileError(f"Expected seeds of {place} in {path} from 0 up, got {ascending[0]}.")
-    return {
-        seed: Evaluations(
-            mu[i * count : (i + 1) * count],
-            score[i * count : (i + 1) * count],
-            _evaluation_seeds(seed, count),
-        )
-        for i, seed in enumerate(ascending)
-    }
+    parts = zip(ascending, np.split(mu, len(seeds)), np.split(score, len(seeds)), strict=True)
+    return {seed: Evaluations(m, q, _evaluation_seeds(seed, count)) for seed, m, q in parts}
 
 
 @lru_cache(maxsize=256)

@@ -102,11 +102,6 @@ class Sheet:
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
 
-    @property
-    def kinds(self) -> frozenset[str]:
-        """The kinds of rows that there are."""
-        return frozenset(line.kind for line in self.lines)
-
     def markdown(self) -> Iterator[str]:
         """Return the lines of a Markdown table."""
         yield _markdown_line(column.title for column in self.columns)

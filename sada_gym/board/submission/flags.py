@@ -15,10 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import binomtest, fisher_exact, norm
 
-from sada_gym.board.results.models import SeedResult
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import IDEAL
-from sada_gym.experiment.measure import Measures
 from sada_gym.experiment.record import Experiment
 from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.figures import tenths
@@ -63,11 +61,10 @@ class SeedEvidence:
         uniform: Uniform samples on the same fresh seeds; None with a reference set.
     """
 
-    claimed: SeedResult
+    seed: int
     samples: Evaluations
     again: Evaluations
     uniform: Evaluations | None
-    measures: Measures
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +147,7 @@ def constant_flag(evidence: Evidence) -> str | None:
         other = int((seed.again.score != values[0]).sum())
         if len(values) == 1 and len(seed.samples) > 1 and 0.5**other < SIGNIFICANCE:
             return (
-                f"all {len(seed.samples):,} samples of seed {seed.claimed.seed} have Q = "
+                f"all {len(seed.samples):,} samples of seed {seed.seed} have Q = "
                 f"{values[0]:.6g} as claimed, and {other:,} of them have another Q on fresh seeds"
             )
     return None

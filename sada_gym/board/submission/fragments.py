@@ -40,11 +40,6 @@ class ResultFragment:
     result: EntryResult
     command: str = ""
 
-    @property
-    def experiment(self) -> Experiment:
-        """What the result is of."""
-        return self.result.claimed.experiment
-
 
 def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
     """Join the fragments of each result.
@@ -57,12 +52,16 @@ def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
     of_seed: dict[tuple[str, int], ResultFragment] = {}
     first = fragments[0]
     for fragment in fragments:
-        adversary, place = fragment.experiment.adversary, fragment.result.place
-        check_same_adversary(fragment.source, adversary, first.source, first.experiment.adversary)
+        adversary, place = fragment.result.experiment.adversary, fragment.result.place
+        check_same_adversary(
+            fragment.source, adversary, first.source, first.result.experiment.adversary
+        )
         by_place.setdefault(place, []).append(fragment)
         other = by_place[place][0]
-        if fragment.experiment != other.experiment:
-            changes = differences(other.experiment.model_dump(), fragment.experiment.model_dump())
+        if fragment.result.experiment != other.result.experiment:
+            changes = differences(
+                other.result.experiment.model_dump(), fragment.result.experiment.model_dump()
+            )
             raise UserError(
                 f"Expected {fragment.source} to differ from {other.source} in its seed alone, got "
                 f"other settings: {shown('; '.join(changes))}. Submit them as two entries."
@@ -84,7 +83,7 @@ def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:
     if len(seeds) > MAX_SEEDS:
         refuse(f"of {place}", f"at most {MAX_SEEDS} seeds", len(seeds), "Submit the first ones")
     samples = {seed: rows for result in results for seed, rows in result.samples.items()}
-    claimed = Result.make(fragments[0].experiment, seeds)
+    claimed = Result.make(fragments[0].result.experiment, seeds)
     return EntryResult(claimed, dict(sorted(samples.items())))
 
 
@@ -113,7 +112,7 @@ def _read_entry(folder: Path, rule: str | None) -> list[ResultFragment]:
     fragments = [
         ResultFragment(f"{folder}: {place}", result, entry.metadata.command)
         for place, result in entry.results.items()
-        if rule in (None, result.claimed.experiment.protocol.rule)
+        if rule in (None, result.experiment.protocol.rule)
     ]
     if not fragments:
         raise UserError(

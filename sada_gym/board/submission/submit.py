@@ -217,8 +217,8 @@ def _read_kept(
     kept = []
     for place, result in read_entry(folder).results.items():
         if place not in places:
-            other = result.claimed.experiment.adversary
-            check_same_adversary(new.source, new.experiment.adversary, folder, other)
+            other = result.experiment.adversary
+            check_same_adversary(new.source, new.result.experiment.adversary, folder, other)
             kept.append(result)
         elif not replace:
             raise UserError(

@@ -98,7 +98,7 @@ def verify(
         for result in entry.results.values():
             old, verdict = result.verified, partial(Verdict, entry.metadata.name, result.place)
             chosen = old.nonce if nonce is None and old else nonce
-            if outdated := find_outdated(result.claimed.experiment):
+            if outdated := find_outdated(result.experiment):
                 yield verdict("outdated", outdated)
             elif chosen is None:
                 yield verdict("differs", "nothing of these samples is verified")
@@ -109,7 +109,7 @@ def verify(
     for _, listed in itertools.groupby(sorted(due, key=_attacked), _attacked):
         first, *others = listed
         try:
-            opened = first[1].claimed.experiment.target.open(workers=workers)
+            opened = first[1].experiment.target.open(workers=workers)
         except UserError as error:
             for entry, result, _ in (first, *others):
                 yield Verdict(entry.metadata.name, result.place, "refused", str(error))
@@ -120,7 +120,7 @@ def verify(
 
 
 def _attacked(listed: tuple[Entry, EntryResult, str]) -> tuple[str, str]:
-    target = listed[1].claimed.experiment.target
+    target = listed[1].experiment.target
     return target.track, target.agent
 
 
@@ -139,7 +139,7 @@ def _judge(
     try:
         new = _verify_result(target, entry, result, salt, nonce, against)
         if not check:
-            GroupFiles(entry.folder, result.group).add_verified(result.place, new)
+            GroupFiles(entry.folder, result.experiment.group).add_verified(result.place, new)
     except UserError as error:
         return verdict("refused", str(error))
     if check and old != new:
@@ -166,7 +166,7 @@ def _verify_result(
     nonce: str,
     against: Path | None,
 ) -> Verified:
-    experiment, seeds = result.claimed.experiment, []
+    experiment, seeds, measured = result.experiment, [], []
     for claims in result.claimed.seeds:
         if claims.measures is None:
             continue
@@ -178,11 +178,11 @@ def _verify_result(
             seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
             mu = np.random.default_rng(seed).uniform(-1.0, 1.0, samples.mu.shape)
             uniform = score(target, mu.astype(np.float32), fresh)
-        seeds.append(SeedEvidence(claims, samples, again, uniform, measures))
+        seeds.append(SeedEvidence(claims.seed, samples, again, uniform))
+        measured.append(VerifiedSeed(seed=claims.seed, measures=measures))
     folder = entry.folder.absolute().parent if against is None else against
     neighbours = _neighbours(folder, entry.metadata.name, experiment, target.dimension)
     flags = find_flags(Evidence(experiment, seeds, target.reference, neighbours))
-    measured = [VerifiedSeed(seed=seed.claimed.seed, measures=seed.measures) for seed in seeds]
     return Verified.make(result.claimed, result.samples, salt, nonce, measured, flags)
 
 

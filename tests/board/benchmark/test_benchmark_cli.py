@@ -147,7 +147,7 @@ def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
     assert not (tmp_path / "out" / "entries").exists()
     budgets = {
         entry.metadata.name: [
-            result.claimed.experiment.protocol.budget for result in entry.results.values()
+            result.experiment.protocol.budget for result in entry.results.values()
         ]
         for entry in read_entries(tmp_path / "entries")
     }

@@ -46,6 +46,7 @@ def run(
         measures=None if error else measures,
         search=None if error else Search(queries=2000, fooled=700, curve=()),
         flags=flags,
+        packages={"numpy": "2.0"},
     )
     return RunSummary(
         label=label,
@@ -71,7 +72,6 @@ def report(tmp_path, runs, notes=()):
     targets = {(run.track, run.experiment.target.agent): run.experiment.target for run in runs}
     agents = dict.fromkeys(agent for _, agent in targets)
     results = Results(
-        packages={"numpy": ("2.0",)},
         targets=tuple(targets.values()),
         comparisons=tuple(
             Comparison(
