@@ -15,8 +15,12 @@ import torch
 import sada_gym  # noqa: F401
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, SIMULATION_HZ, DrivingEpisodes
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import (
+    POLICY_HZ,
+    SIMULATION_HZ,
+    DriveDistribution,
+    DrivingEpisodes,
+)
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.foundations.sb3_vec_env import SB3VecEnv
@@ -61,7 +65,7 @@ def test_racetrack(benchmark):
 def test_lockstep(benchmark):
     """Camera, network and dynamics of a batch, as an evaluation runs them."""
     application = DrivingApplication("navigation")
-    distribution, rng = StartDistribution("benchmark"), np.random.default_rng(0)
+    distribution, rng = DriveDistribution("benchmark"), np.random.default_rng(0)
     steps = 20
 
     def setup():

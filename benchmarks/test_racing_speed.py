@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.uav.agent.network import WaypointNetwork
-from sada_gym.envs.uav.agent.pilot import WaypointPilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot, WaypointPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
 from sada_gym.envs.uav.world.physics import FreeBodies

@@ -11,7 +11,7 @@ import pytest
 
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
-from sada_gym.envs.robot.start_distribution import PLANS, StartDistribution
+from sada_gym.envs.robot.start import PLANS, TripDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from sada_gym.envs.robot.world.floor_plan import floor_plan
 from sada_gym.foundations.determinism import one_thread
@@ -37,7 +37,7 @@ def test_evaluations(benchmark, count):
 def test_decisions(benchmark):
     for number in range(PLANS):  # once a training; they are kept
         floor_plan(number)
-    tasks = RobotTaskVectorEnv(StartDistribution(), num_envs=64)
+    tasks = RobotTaskVectorEnv(TripDistribution(), num_envs=64)
     tasks.reset(seed=0)
 
     def drive():
@@ -50,7 +50,7 @@ def test_decisions(benchmark):
 
 
 def test_bare_stepping(benchmark):
-    (bodies,) = RobotEpisodes([StartDistribution().draw(RNG)])._bodies
+    (bodies,) = RobotEpisodes([TripDistribution().draw(RNG)])._bodies
 
     def step():
         for _ in range(STEPS * SUBSTEPS):

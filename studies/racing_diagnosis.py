@@ -20,8 +20,8 @@ import numpy.typing as npt
 from scipy.stats import spearmanr
 
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.start_distribution import StartDistribution
-from sada_gym.envs.uav.world.templates import TEMPLATES
+from sada_gym.envs.uav.episodes import RaceDistribution
+from sada_gym.envs.uav.world.track import TEMPLATES
 from sada_gym.measures.reference import Reference, load_reference
 
 FIFTHS = 5
@@ -43,7 +43,7 @@ def print_turns(samples: int) -> None:
     print("| --- | --- | --- | --- | --- |")
     for anchors, template in TEMPLATES.items():
         unit = np.random.default_rng(0).uniform(-1, 1, (samples, len(template.parameters)))
-        for reach in (0.0, StartDistribution().spread, 1.0):
+        for reach in (0.0, RaceDistribution().spread, 1.0):
             sharpest = template.tracks(reach * unit).sharpest_turn_deg()
             low, middle, high = np.quantile(sharpest, [0.05, 0.5, 0.95])
             print(f"| {anchors} | ±{reach} | {low:.0f} | {middle:.0f} | {high:.0f} |")

@@ -9,9 +9,9 @@ import argparse
 
 import numpy as np
 
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.world.templates import TEMPLATES
+from sada_gym.envs.uav.world.track import TEMPLATES
 from studies.training.measuring import evaluate_uniform
 
 MILD, FEASIBLE_SHARE = 0.25, 0.995

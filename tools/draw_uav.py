@@ -10,13 +10,12 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym import agents
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import RacingStart
-from sada_gym.envs.uav.frame import Plan, summary
-from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import line
+from sada_gym.envs.uav.frame import TrackMap, summary
+from sada_gym.envs.uav.world.track import TEMPLATES, line
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 CELL, LABEL, TRACKS = 220, 24, 4
@@ -38,7 +37,7 @@ def grid(rows: list[list[tuple[str, Image.Image]]]) -> Image.Image:
 def plan(anchors: int, mu: np.ndarray) -> Image.Image:
     """A track from above."""
     track = TEMPLATES[anchors].tracks(mu[None])
-    return Plan(track.gates[0], line(track.anchors[0]), CELL).picture()
+    return TrackMap(track.gates[0], line(track.anchors[0]), CELL).picture()
 
 
 def tracks(rng: np.random.Generator) -> Image.Image:

@@ -87,7 +87,7 @@ class AdversaryEnv(LockstepEnv[Floats32]):
         **keywords: Any,
     ) -> None:
         self.application, self.horizon = _made(application, keywords), horizon
-        super().__init__(_Evaluations(self.application, horizon, 1), render_mode)
+        super().__init__(_ScoredProposals(self.application, horizon, 1), render_mode)
         self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
@@ -115,7 +115,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
         **keywords: Any,
     ) -> None:
         self.application, self.horizon = _made(application, keywords), horizon
-        super().__init__(_Evaluations(self.application, horizon, num_envs), render_mode)
+        super().__init__(_ScoredProposals(self.application, horizon, num_envs), render_mode)
         self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
@@ -123,7 +123,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
         return _replayed(self.application, mu, seed)
 
 
-class _Evaluations(Proposals):
+class _ScoredProposals(Proposals):
     """Proposals that an application scores, with the seeds of their evaluations."""
 
     def __init__(self, application: Application, horizon: int, count: int) -> None:

@@ -7,8 +7,7 @@ from sada_gym import agents
 from sada_gym.agents.contract import Agent, as_agent, identity_of
 from sada_gym.envs.detection.detector import DetectorAgent
 from sada_gym.envs.digits.classifier import ClassifierAgent
-from sada_gym.envs.uav.agent.pilot import as_pilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot, as_pilot
 from studies.training.driving.privileged import PrivilegedDriver
 
 MAKERS = {

@@ -168,7 +168,7 @@ def test_any_seed_that_gymnasium_takes_is_taken_by_the_batch_too(task):
 def test_what_is_no_distribution_is_refused(task):
     with pytest.raises(
         ValueError,
-        match=r"Expected distribution to be a StartDistribution, got \{'spread': 1\}",
+        match=r"Expected distribution to be a (Drive|Race|Trip)Distribution, got \{'spread': 1\}",
     ):
         task.env({"spread": 1})
 

@@ -12,8 +12,7 @@ from sada_gym.envs.uav.agent.network import light, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot, as_pilot
 from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ
-from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.world.track import GATES, TEMPLATES
 from studies.training.imitation import Examples
 from studies.training.uav import evaluate, train
 from studies.training.uav.imitation import fit, gather, imitate, loss, strayed

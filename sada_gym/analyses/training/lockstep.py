@@ -90,7 +90,7 @@ def curriculum_vec_env(
         source: See `FailureCurriculum`, as for `shares`.
         num_envs: The number of episodes.
         shares: The shares of the sources.
-        starts: The start distribution, such as `sada_gym.envs.driving.StartDistribution()`.
+        starts: The start distribution, such as `sada_gym.envs.driving.DriveDistribution()`.
 
     Raises:
         UserError: As `FailureCurriculum` does.

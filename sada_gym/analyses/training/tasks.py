@@ -11,11 +11,11 @@ import gymnasium as gym
 from sada_gym.analyses.training.worlds import WorldSpace
 from sada_gym.application import Application
 from sada_gym.envs.driving.application import DrivingApplication
-from sada_gym.envs.driving.start_distribution import StartDistribution as DrivingStarts
+from sada_gym.envs.driving.episodes import DriveDistribution
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.conditions import conditions
-from sada_gym.envs.robot.start_distribution import StartDistribution as RobotStarts
+from sada_gym.envs.robot.start import TripDistribution
 from sada_gym.foundations.arrays import Floats32
 from sada_gym.foundations.cards import find_card
 from sada_gym.foundations.lazy import load
@@ -39,12 +39,12 @@ class TaskKind:
         return WorldSpace(self.application.name, self.application.parameters)
 
 
-def robot_at(starts: RobotStarts, mu: Floats32) -> RobotStarts:
+def robot_at(starts: TripDistribution, mu: Floats32) -> TripDistribution:
     """Return trips that all take place in the conditions of one mu, (10,)."""
     return replace(starts, conditions=conditions(mu), spread=0.0)
 
 
-def driving_at(starts: DrivingStarts, mu: Floats32) -> DrivingStarts:
+def driving_at(starts: DriveDistribution, mu: Floats32) -> DriveDistribution:
     """Return drives that all have the camera and the weather of one mu, (3,)."""
     height, pitch, place = DrivingApplication.parameters.physical(mu).tolist()
     weather = NAMES[min(int(place), len(NAMES) - 1)]

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import INVALID_SCORE, Application, Scored, validate_world
-from sada_gym.envs.carla.connection import STEP_S, Servers, Session, client_library, session
+from sada_gym.envs.carla.connection import STEP_S, Servers, ServerWorld, client_library, session
 from sada_gym.envs.carla.drive import Drive, DriveStart
 from sada_gym.envs.carla.drivers import AUTOPILOT, Autopilot, as_driver
-from sada_gym.envs.carla.routes import ROUTES, TASKS, Route, find_routes
-from sada_gym.envs.episodes.rollout import play
+from sada_gym.envs.carla.routes import ROUTES, TASKS, TownRoute, find_routes
+from sada_gym.envs.episodes.base import play
 from sada_gym.errors import InvalidWorld, UserTypeError, check_integer, check_known
 from sada_gym.foundations.arrays import Floats, Floats32
 from sada_gym.foundations.behaviour import Behaviour, listed_events
@@ -140,7 +140,7 @@ class CarlaDrivingApplication(Application):
         self.nominal = self.parameters.normalised(np.array(_NOMINAL[weather]))
         self.agent_name, self.agent, self.policy = as_driver(agent, agent_id)
         self._agent_id = agent_id
-        self._routes: tuple[Route, ...] = ()
+        self._routes: tuple[TownRoute, ...] = ()
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -184,7 +184,7 @@ class CarlaDrivingApplication(Application):
         return score, {**extra, "progress": progress}
 
     @contextmanager
-    def _open(self, mu: Floats32) -> Iterator[Session]:
+    def _open(self, mu: Floats32) -> Iterator[ServerWorld]:
         with session(self.servers, self.town) as opened:
             with opened.answering():
                 town_map = opened.world.get_map()
@@ -195,7 +195,7 @@ class CarlaDrivingApplication(Application):
             yield opened
 
     def _drives(
-        self, opened: Session, mu: Floats32, seed: int, repeats: int
+        self, opened: ServerWorld, mu: Floats32, seed: int, repeats: int
     ) -> Generator[Drive, None, None]:
         """Begin one drive after another, `repeats` on each route."""
         height_m, pitch_deg, *_ = self.parameters.physical(mu).tolist()

@@ -82,7 +82,7 @@ class Servers:
 
 
 @dataclass
-class Session:
+class ServerWorld:
     """A fresh synchronous world on one server, until the block of `session` ends.
 
     Attributes:
@@ -119,7 +119,7 @@ class Session:
 
 
 @contextmanager
-def session(servers: Servers, town: str) -> Iterator[Session]:
+def session(servers: Servers, town: str) -> Iterator[ServerWorld]:
     """Load a town on a free server, synchronous; leave the server with the settings it had.
 
     At any end, Ctrl-C included, all that was spawned is destroyed and settings and weather are
@@ -145,7 +145,7 @@ def session(servers: Servers, town: str) -> Iterator[Session]:
                     f"{', '.join(known)}; got {town!r}."
                 )
             # registered before anything is changed, so that no moment is left out
-            opened = Session(carla, place, world, None)
+            opened = ServerWorld(carla, place, world, None)
             left.callback(_restore, client, opened, before, weather)
             opened.world = world = client.load_world(town)
             settings = world.get_settings()
@@ -197,7 +197,7 @@ def _forget_killed_run(settings: Any) -> None:
         settings.synchronous_mode, settings.fixed_delta_seconds = False, None
 
 
-def _restore(client: Any, opened: Session, settings: Any, weather: Any) -> None:
+def _restore(client: Any, opened: ServerWorld, settings: Any, weather: Any) -> None:
     """Undo what a session changed, each part even where another one fails."""
     client.set_timeout(_RESTORED_S)
     try:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.envs.carla.connection import STEP_S, Session
-from sada_gym.envs.carla.routes import COMMANDS, STEP_M, Route
+from sada_gym.envs.carla.connection import STEP_S, ServerWorld
+from sada_gym.envs.carla.routes import COMMANDS, STEP_M, TownRoute
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.errors import InvalidWorld, UserError
 from sada_gym.foundations.arrays import Bytes, Floats, Indices
@@ -46,7 +46,7 @@ _MAX_LOST_FRAMES = 10
 class DriveStart:
     """How a drive begins: its route, and the camera's mount in m above the ground and degrees."""
 
-    route: Route
+    route: TownRoute
     camera_height_m: float
     camera_pitch_deg: float
 
@@ -66,7 +66,7 @@ class Drive(Episodes[DriveStart]):
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 
-    def __init__(self, opened: Session, start: DriveStart) -> None:
+    def __init__(self, opened: ServerWorld, start: DriveStart) -> None:
         super().__init__([start])
         self._session = opened
         self._frames: queue.Queue[Any] = queue.Queue()
@@ -100,7 +100,7 @@ class Drive(Episodes[DriveStart]):
                 world.tick()
         self._tick()
 
-    def _spawned_car(self, blueprint: Any, route: Route) -> Any:
+    def _spawned_car(self, blueprint: Any, route: TownRoute) -> Any:
         carla = self._session.carla
         x, y, z, yaw = route.start
         for height in _SPAWN_HEIGHTS_M:

@@ -32,7 +32,7 @@ TASKS = tuple(_PLANS)
 
 
 @dataclass(frozen=True)
-class Route:
+class TownRoute:
     """A way along lanes, in CARLA's coordinates.
 
     Attributes:
@@ -51,7 +51,7 @@ class Route:
         return STEP_M * (len(self.points_m) - 1)
 
 
-def find_routes(town_map: Any, task: str) -> tuple[Route, ...]:
+def find_routes(town_map: Any, task: str) -> tuple[TownRoute, ...]:
     """Find the five routes of a task, always the same on the same `carla.Map`.
 
     `straight` crosses one junction, `one_curve` turns at one, and `navigation` turns at two or
@@ -61,7 +61,7 @@ def find_routes(town_map: Any, task: str) -> tuple[Route, ...]:
         UserError: If there is no such task, or the town has fewer routes.
     """
     check_known("task", [task], TASKS)
-    routes: list[Route] = []
+    routes: list[TownRoute] = []
     for i, start in enumerate(_starts(town_map)):
         plans = _PLANS[task]
         turned = i % len(plans)
@@ -87,7 +87,7 @@ def _starts(town_map: Any) -> Iterator[Any]:
         yield from (at for at in waypoints[first::apart] if not at.is_junction)
 
 
-def _follow(start: Any, plan: Sequence[str]) -> Route | None:
+def _follow(start: Any, plan: Sequence[str]) -> TownRoute | None:
     """Return the way from a waypoint that does at its junctions as planned; None if there is none.
 
     It ends some metres behind the last junction.
@@ -121,7 +121,7 @@ def _follow(start: Any, plan: Sequence[str]) -> Route | None:
         return None
     points = np.array([[at.transform.location.x, at.transform.location.y] for at in way])
     place, yaw = start.transform.location, start.transform.rotation.yaw
-    return Route(points, tuple(commands), (place.x, place.y, place.z, yaw))
+    return TownRoute(points, tuple(commands), (place.x, place.y, place.z, yaw))
 
 
 def _turn(before: Any, entry: Any) -> str:

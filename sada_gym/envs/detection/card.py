@@ -84,7 +84,7 @@ CARD = ApplicationCard(
     ),
     agent_sources={"torchvision": "sada_gym.envs.detection.agent.from_torchvision:load"},
     agent_kind="detector",
-    agent_loader="sada_gym.envs.detection.agent.weights:load",
+    agent_loader="sada_gym.envs.detection.agent.network:load",
     packages=("torch", "numba", "pillow"),
     reference_points=10_000,
     reference_seeds=5,

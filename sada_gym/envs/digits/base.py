@@ -14,7 +14,6 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored, validate_world
-from sada_gym.envs.digits.behaviour import behaviour
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
 from sada_gym.envs.digits.images import test_images, validate_images
@@ -187,3 +186,20 @@ class ClassifierApplication(Application):
 
 def _is_whole(given: Any) -> bool:
     return isinstance(given, int | np.integer) and not isinstance(given, bool)
+
+
+def behaviour(info: Mapping[str, Any]) -> Behaviour:
+    """Say what a classifier took an image for, by the info of an evaluation."""
+    label, predicted = info["label"], info["predicted"]
+    data = {"label": label, "predicted": predicted}
+    if label != predicted:
+        event = f"taken for {with_article(predicted)}"
+        return Behaviour(f"{with_article(label)}, {event}", (event,), data=data)
+    if info["fooled"]:
+        return Behaviour(f"{with_article(label)}, with little confidence", ("unsure",), data=data)
+    return Behaviour(f"seen to be {with_article(label)}", data=data)
+
+
+def with_article(number: int) -> str:
+    """Name a class with its article: `an 8`."""
+    return f"an {number}" if str(number).startswith("8") or number in (11, 18) else f"a {number}"

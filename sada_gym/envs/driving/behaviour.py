@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.route import COMMAND_LEAD_M, COMMANDS, SPACING_M, Route
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.foundations.behaviour import Behaviour, listed_events
 
 _BEND_M, _BEND_RAD = 8.0, np.deg2rad(20.0)

@@ -15,7 +15,7 @@ from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingStart
 from sada_gym.envs.driving.world.route import COMMANDS, LAYOUT
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.foundations.arrays import Floats, Floats32
 from sada_gym.foundations.drawing import INK_RGB, caption, cross, dashed, font, inset, stacked
 from sada_gym.foundations.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
@@ -54,7 +54,7 @@ def summary(rollouts: Rollouts) -> Frame:
     parts = [
         caption(title, image.width, _TEXT),
         image,
-        _map(_chart(image.width), dict(enumerate(rollouts))),
+        _map(_town_map(image.width), dict(enumerate(rollouts))),
         caption(f"seen: route {which + 1}, {seen_at}", image.width, _TEXT),
     ]
     return stacked(parts)
@@ -64,7 +64,7 @@ def picture(rollouts: Rollouts, i: int, step: int) -> tuple[Image.Image, str]:
     """Draw a step of drive i, the camera's image with a map in its corner, and describe it."""
     rollout = rollouts[i]
     image = Image.fromarray(observation(rollout, step, _FILM_LENS))
-    inset(image, _map(_chart(_INSET), {i: rollout}, until=step))
+    inset(image, _map(_town_map(_INSET), {i: rollout}, until=step))
     command = COMMANDS[rollout["command"][step]]
     speed_km_h = 3.6 * rollout["states"][step, 3]
     text = (
@@ -97,14 +97,14 @@ def _world(rollouts: Rollouts) -> str:
 
 
 def _map(
-    chart: _Chart, rollouts: Mapping[int, Rollout[DrivingStart]], until: int | None = None
+    town_map: _TownMap, rollouts: Mapping[int, Rollout[DrivingStart]], until: int | None = None
 ) -> Image.Image:
-    picture = chart.picture.copy()
-    draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
+    picture = town_map.picture.copy()
+    draw, unit = ImageDraw.Draw(picture), town_map.picture.width / 100
     face = font(4.6 * unit, bold=True)
-    routes = {i: chart.pixels(rollout.start.route.points) for i, rollout in rollouts.items()}
+    routes = {i: town_map.pixels(rollout.start.route.points) for i, rollout in rollouts.items()}
     shown = slice(None if until is None else until + 1)
-    ways = {i: chart.pixels(rollout["states"][shown, :2]) for i, rollout in rollouts.items()}
+    ways = {i: town_map.pixels(rollout["states"][shown, :2]) for i, rollout in rollouts.items()}
     for route in routes.values():
         draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
     for way in ways.values():
@@ -138,7 +138,7 @@ def _map(
 
 
 @dataclass(frozen=True)
-class _Chart:
+class _TownMap:
     """The town from above; `corner` is the place of its upper left corner in the world."""
 
     picture: Image.Image
@@ -150,7 +150,7 @@ class _Chart:
 
 
 @cache
-def _chart(width: int) -> _Chart:
+def _town_map(width: int) -> _TownMap:
     whole = _town_plan(camera(LAYOUT))
     texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
@@ -158,13 +158,13 @@ def _chart(width: int) -> _Chart:
     high = np.floor((corners.max(axis=0) + _EDGE_M - whole.corner) / texel)
     part = whole.picture.crop((*low.astype(int), *high.astype(int)))
     shown = part.resize((width, round(part.height * width / part.width)), Image.Resampling.BOX)
-    return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
+    return _TownMap(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def _town_plan(town_camera: TownCamera) -> _Chart:
+def _town_plan(town_camera: TownCamera) -> _TownMap:
     """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(town_camera.plan(_MAP_LEVEL).copy())
-    chart = _Chart(picture, town_camera.ground.origin, town_camera.ground.texel_m * 2**_MAP_LEVEL)
+    plan = _TownMap(picture, town_camera.ground.origin, town_camera.ground.texel_m * 2**_MAP_LEVEL)
     draw = ImageDraw.Draw(picture)
     for kind, x, y, ax, ay, length, width, _, *colour, _ in town_camera.scenery.objects:
         fill = tuple(int(255 * np.sqrt(0.8 * c)) for c in colour)
@@ -172,8 +172,8 @@ def _town_plan(town_camera: TownCamera) -> _Chart:
             axis, across = np.array([ax, ay]), np.array([-ay, ax])
             signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
             corners = np.array([(x, y) + u * length * axis + v * width * across for u, v in signs])
-            draw.polygon(chart.pixels(corners), fill=fill)
+            draw.polygon(plan.pixels(corners), fill=fill)
         else:
             round_it = np.array([[x - length, y - length], [x + length, y + length]])
-            draw.ellipse(chart.pixels(round_it), fill=fill)
-    return chart
+            draw.ellipse(plan.pixels(round_it), fill=fill)
+    return plan

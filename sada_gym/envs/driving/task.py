@@ -9,8 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import (
+    POLICY_HZ,
+    DriveDistribution,
+    DrivingEnd,
+    DrivingEpisodes,
+    DrivingStart,
+)
 from sada_gym.envs.driving.world.route import CRUISE_M_S
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
@@ -23,7 +28,7 @@ ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0
 class DrivingTask(Task[DrivingEpisodes]):
     """Drives from a start distribution, and their rewards."""
 
-    episodes_class, distribution_class = DrivingEpisodes, StartDistribution
+    episodes_class, distribution_class = DrivingEpisodes, DriveDistribution
 
     def _begin(self, starts: Sequence[DrivingStart]) -> DrivingEpisodes:
         return DrivingEpisodes(camera(self.distribution.layout), starts)
@@ -88,7 +93,7 @@ class DrivingTaskEnv(TaskEnv):
     `progress_m`, `lateral_m`, `is_success`.
 
     ## Arguments
-    - `distribution=StartDistribution()`: draws routes, weathers, mounts and starts.
+    - `distribution=DriveDistribution()`: draws routes, weathers, mounts and starts.
     - `render_mode=None`: `"rgb_array"` gives the camera's image.
 
     ## Version History

@@ -18,8 +18,7 @@ from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Application, isolated_rng, validate_world
-from sada_gym.envs.episodes.base import Episodes
-from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
+from sada_gym.envs.episodes.base import Episodes, EpisodesT, Rollout, play, record
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import Behaviour
 from sada_gym.foundations.drawing import caption, stacked

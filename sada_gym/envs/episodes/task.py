@@ -13,8 +13,7 @@ from gymnasium.error import ResetNeeded
 
 from sada_gym.agents.tile import Batch
 from sada_gym.envs.checks import check_kind
-from sada_gym.envs.episodes.base import Episodes
-from sada_gym.envs.episodes.rollout import EpisodesT
+from sada_gym.envs.episodes.base import Episodes, EpisodesT
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Bools, Bytes, Floats, Indices, validate_shape
 from sada_gym.foundations.lockstep import Lockstep, LockstepEnv, LockstepVectorEnv, Transition

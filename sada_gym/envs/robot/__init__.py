@@ -7,7 +7,7 @@ from sada_gym.foundations.lazy import lazy_names
 if TYPE_CHECKING:
     from sada_gym.envs.robot.application import RobotApplication
     from sada_gym.envs.robot.conditions import Conditions
-    from sada_gym.envs.robot.start_distribution import StartDistribution
+    from sada_gym.envs.robot.start import TripDistribution
     from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
 
 __all__ = [
@@ -15,14 +15,14 @@ __all__ = [
     "RobotApplication",
     "RobotTaskEnv",
     "RobotTaskVectorEnv",
-    "StartDistribution",
+    "TripDistribution",
 ]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "Conditions": "conditions",
-        "StartDistribution": "start_distribution",
+        "TripDistribution": "start",
         "RobotApplication": "application",
         "RobotTaskEnv": "task",
         "RobotTaskVectorEnv": "task",

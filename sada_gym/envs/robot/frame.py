@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
@@ -102,39 +102,39 @@ def snapshot(rollout: Rollout[RobotStart], step: int) -> Image.Image:
 def _view(
     start: RobotStart, pose: Floats, carts: Floats, points: Floats, driven: Floats | None = None
 ) -> Image.Image:
-    chart = _Chart(WIDTH, start)
-    chart.line(start.plan.ways[start.trip], _WAY, 0.07)
+    hall = _HallMap(WIDTH, start)
+    hall.line(start.plan.ways[start.trip], _WAY, 0.07)
     goal_x, goal_y = start.plan.ways[start.trip][-1]
-    chart.disc(goal_x, goal_y, GOAL_M, _GOAL)
+    hall.disc(goal_x, goal_y, GOAL_M, _GOAL)
     if driven is not None:
-        chart.line(driven[:, :2], _DRIVEN, 0.04)
-    chart.carts(carts)
+        hall.line(driven[:, :2], _DRIVEN, 0.04)
+    hall.carts(carts)
     for x, y in points[np.isfinite(points[..., 0])]:
-        chart.disc(x, y, 0.03, _RETURN)
-    chart.robot(pose)
+        hall.disc(x, y, 0.03, _RETURN)
+    hall.robot(pose)
     if driven is not None:
-        chart.flag(goal_x, goal_y, 2 * GOAL_M)
-    return chart.finished()
+        hall.flag(goal_x, goal_y, 2 * GOAL_M)
+    return hall.finished()
 
 
 def _overview(rollouts: Rollouts, first: int) -> Image.Image:
-    chart = _Chart(WIDTH // 2, rollouts[0].start)
+    hall = _HallMap(WIDTH // 2, rollouts[0].start)
     for rollout in rollouts:
-        chart.line(rollout.start.plan.ways[rollout.start.trip], _WAY, 0.1)
+        hall.line(rollout.start.plan.ways[rollout.start.trip], _WAY, 0.1)
     for rollout in rollouts:
-        chart.line(rollout["poses"][:, :2], _DRIVEN, 0.06)
+        hall.line(rollout["poses"][:, :2], _DRIVEN, 0.06)
     for k, rollout in enumerate(rollouts):
         way = rollout.start.plan.ways[rollout.start.trip]
         for (x, y), colour in ((way[0], (255, 255, 255)), (way[-1], _GOAL)):
-            chart.disc(x, y, 0.14, colour)
+            hall.disc(x, y, 0.14, colour)
         goal_x, goal_y = way[-1]
-        chart.flag(goal_x, goal_y, 0.7)
+        hall.flag(goal_x, goal_y, 0.7)
         x, y = way[len(way) // 2]
-        chart.text(x, y, str(first + k + 1))
+        hall.text(x, y, str(first + k + 1))
     for rollout in rollouts:
         if rollout.score < 1:
-            chart.cross(*rollout["poses"][-1, :2])
-    return chart.finished()
+            hall.cross(*rollout["poses"][-1, :2])
+    return hall.finished()
 
 
 def _conditions(physics: Conditions) -> str:
@@ -155,7 +155,7 @@ def _left(amount: float, unit: str) -> str:
     return f"{abs(amount):.0f}{unit} to the {'left' if amount >= 0 else 'right'}"
 
 
-class _Chart:
+class _HallMap:
     """A map of a floor plan that is being drawn, `width` pixels wide."""
 
     def __init__(self, width: int, start: RobotStart) -> None:

@@ -14,8 +14,7 @@ from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.conditions import PARAMETERS
 from sada_gym.envs.robot.episodes import RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd
-from sada_gym.envs.robot.start_distribution import StartDistribution
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, TripDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 from sada_gym.errors import check_known
 from sada_gym.foundations.arrays import Bools, Floats
@@ -27,7 +26,7 @@ ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 class RobotTask(Task[RobotEpisodes]):
     """Trips from a start distribution, and their rewards."""
 
-    episodes_class, distribution_class = RobotEpisodes, StartDistribution
+    episodes_class, distribution_class = RobotEpisodes, TripDistribution
 
     def _step(self, episodes: RobotEpisodes, actions: npt.NDArray[Any]) -> Floats:
         before = episodes.remaining_m.copy()
@@ -85,7 +84,7 @@ class RobotTaskEnv(TaskEnv):
     after the time that the way takes at 0.25 m/s. `info` holds `remaining_m`, `is_success`.
 
     ## Arguments
-    - `distribution=StartDistribution()`: what floor plans, trips and conditions are drawn from.
+    - `distribution=TripDistribution()`: what floor plans, trips and conditions are drawn from.
     - the fields of `Conditions`, such as `latency_s`: the conditions of all trips; those that are
       not given are the distribution's.
     - `render_mode=None`: `"rgb_array"` draws the hall from above with the robot and its lidar's
@@ -100,7 +99,7 @@ class RobotTaskEnv(TaskEnv):
 
     def __init__(
         self,
-        distribution: StartDistribution | None = None,
+        distribution: TripDistribution | None = None,
         *,
         render_mode: str | None = None,
         **conditions: float | None,
@@ -108,8 +107,8 @@ class RobotTaskEnv(TaskEnv):
         check_known("condition", conditions, PARAMETERS.names)
         given: dict[str, Any] = {name: x for name, x in conditions.items() if x is not None}
         if given:
-            distribution = StartDistribution() if distribution is None else distribution
-            check_kind("distribution", distribution, StartDistribution)
+            distribution = TripDistribution() if distribution is None else distribution
+            check_kind("distribution", distribution, TripDistribution)
             changed = replace(distribution.conditions, **given)
             distribution = replace(distribution, conditions=changed)
         super().__init__(distribution, render_mode=render_mode)

@@ -11,10 +11,9 @@ import numpy as np
 from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingEpisodes
-from sada_gym.envs.uav.start_distribution import benchmark_starts
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingEpisodes, benchmark_starts
 from sada_gym.envs.uav.world.referee import GateOutcome
-from sada_gym.envs.uav.world.templates import template
+from sada_gym.envs.uav.world.track import template
 from sada_gym.parameters import Mu
 
 
@@ -84,7 +83,7 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
     episodes_class = RacingEpisodes
     frame_module = "sada_gym.envs.uav.frame"
     behaviour_module = "sada_gym.envs.uav.behaviour"
-    privileged_agent = "sada_gym.envs.uav.agent.privileged:PrivilegedPilot"
+    privileged_agent = "sada_gym.envs.uav.agent.pilot:PrivilegedPilot"
     worlds_at_once = 64
 
     def __init__(

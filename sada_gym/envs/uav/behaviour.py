@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.uav.episodes import GATE_LIMIT_S, RacingEpisodes, RacingStart
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome

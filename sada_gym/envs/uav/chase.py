@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.chase import from_behind
 from sada_gym.envs.uav.episodes import RacingStart
@@ -63,7 +63,7 @@ def summary(rollouts: Sequence[Rollout[RacingStart]]) -> Frame:
     (rollout,) = rollouts
     step, seen_at = shown_step(rollout)
     passed = int((rollout["endings"][-1] == GateOutcome.PASSED).sum())
-    plan = _plan(rollout, step, len(rollout["states"]))
+    plan = _track_map(rollout, step, len(rollout["states"]))
     pair = beside(Image.fromarray(observation(rollout, step)), plan)
     text = (
         f"{passed} of {len(rollout.start.gates)} gates passed in {rollout['time_s'][-1]:.1f} s   "
@@ -88,7 +88,7 @@ def picture(rollouts: Sequence[Rollout[RacingStart]], i: int, step: int) -> tupl
     is_back = missed > (rollout["endings"][max(0, step - 1)] > GateOutcome.PASSED).sum()
     seen = max(0, step - int(is_back))
     view = from_behind(rollout, seen, VIEW_ROWS, VIEW_COLUMNS)
-    return beside(view, _plan(rollout, seen, step + 1)), text
+    return beside(view, _track_map(rollout, seen, step + 1)), text
 
 
 def shown_step(rollout: Rollout[RacingStart]) -> tuple[int, str]:
@@ -127,9 +127,9 @@ def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Floats, ...]:
     return tuple(ways)
 
 
-def _plan(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
+def _track_map(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
     state, endings = rollout["states"][step], rollout["endings"][until - 1]
-    return Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
+    return TrackMap(rollout.start.gates, line(rollout.start.anchors)).picture(
         endings,
         flown_ways(rollout, until),
         np.array([*state[:2], heading_of(*state[3:7])]),
@@ -150,7 +150,7 @@ def observation(rollout: Rollout[RacingStart], step: int = 0) -> Frame:
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrackMap:
     """A track from above, and where it lies in a square picture."""
 
     gates: Floats  # (g, 4) x, y, z and heading

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes
-from sada_gym.envs.uav.start_distribution import StartDistribution
+from sada_gym.envs.uav.episodes import POLICY_HZ, RaceDistribution, RacingEpisodes
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
 from sada_gym.foundations.arrays import Bools, Floats, Indices
@@ -21,7 +20,7 @@ PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0
 class RacingTask(Task[RacingEpisodes]):
     """Races from a start distribution, and their rewards."""
 
-    episodes_class, distribution_class = RacingEpisodes, StartDistribution
+    episodes_class, distribution_class = RacingEpisodes, RaceDistribution
 
     def _step(self, episodes: RacingEpisodes, actions: npt.NDArray[Any]) -> Floats:
         everyone = np.arange(len(episodes))
@@ -97,7 +96,7 @@ class RacingTaskEnv(TaskEnv):
     `info` holds `gates_passed`, `time_s`, `is_success`.
 
     ## Arguments
-    - `distribution=StartDistribution()`: what tracks and starts are drawn from.
+    - `distribution=RaceDistribution()`: what tracks and starts are drawn from.
     - `render_mode=None`: `"rgb_array"` gives the image of the drone's camera.
 
     ## Version History

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gymnasium.error import DependencyNotInstalled
 
 from sada_gym.application import INVALID_SCORE, validate_world
-from sada_gym.envs.episodes.rollout import Rollout, play, record
+from sada_gym.envs.episodes.base import Rollout, play, record
 from sada_gym.envs.wrapped.episodes import EpisodeStart, GymnasiumEpisodes, ResultT, in_groups
 from sada_gym.envs.wrapped.inspection import Inspection
 from sada_gym.envs.wrapped.playing import EpisodePlayer

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
 from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng, validate_world
+from sada_gym.envs.episodes.base import play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import play
 from sada_gym.envs.wrapped.behaviour import behaviour
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (

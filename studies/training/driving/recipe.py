@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import DriveDistribution
 from studies.training.common import Imitation, Recipe, Reinforcement
 
-NEAR_THE_LANE = StartDistribution(lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
+NEAR_THE_LANE = DriveDistribution(lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
 """Default camera, the four training weathers; cars start from anywhere near a lane's middle."""
 
 OTHER_CAMERAS = replace(NEAR_THE_LANE, height_m=(1.15, 1.65), pitch_deg=(-17.5, -12.5))
@@ -25,7 +25,7 @@ _CIL = Imitation(
     light_jitter=0.25,
 )
 
-RECIPES: dict[str, Recipe[StartDistribution]] = {
+RECIPES: dict[str, Recipe[DriveDistribution]] = {
     "cil": _CIL,
     "cil-augmented": replace(_CIL, distribution=OTHER_CAMERAS, light_jitter=0.4),
     "ppo": Reinforcement(

@@ -9,7 +9,7 @@ from torch import nn
 
 from sada_gym import agents
 from sada_gym.envs.driving.agent.network import new_model
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import DriveDistribution
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from studies.training.common import Reinforcement, Report, learn, new_learner
 
@@ -31,7 +31,7 @@ class _ValueFirst(Report):
             parameter.requires_grad_(self.num_timesteps >= self._value_steps)
 
 
-def reinforce(settings: Reinforcement[StartDistribution], *, seed: int) -> PPO:
+def reinforce(settings: Reinforcement[DriveDistribution], *, seed: int) -> PPO:
     """Train a driver from nothing, or from a shipped driver's weights."""
     tasks = DrivingTaskVectorEnv(settings.distribution, num_envs=settings.lockstep)
     model = new_learner(new_model, tasks, settings, seed=seed)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from stable_baselines3 import PPO
 
 from sada_gym.envs.driving.agent.network import save
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import DriveDistribution
 from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Imitation, Recipe, Reinforcement, Script
 from studies.training.driving.evaluate import measure, table
@@ -19,7 +19,7 @@ from studies.training.driving.recipe import RECIPES
 from studies.training.driving.reinforcement import reinforce
 
 
-def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
+def train(recipe: Recipe[DriveDistribution], *, seed: int) -> PPO:
     """Train a driver by its recipe, in one thread: more would give other last bits."""
     with one_thread():
         if isinstance(recipe, Imitation):
@@ -27,7 +27,7 @@ def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
         return reinforce(recipe, seed=seed)
 
 
-def describe(recipe: Recipe[StartDistribution]) -> str:
+def describe(recipe: Recipe[DriveDistribution]) -> str:
     """Say what a driver of a recipe is and what it learnt from, in Markdown."""
     how = "imitation of a privileged expert (DAgger)"
     if isinstance(recipe, Reinforcement):

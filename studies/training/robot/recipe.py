@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.robot.start_distribution import StartDistribution
+from sada_gym.envs.robot.start import TripDistribution
 from studies.training.common import Recipe, Reinforcement
 
 _PPO = Reinforcement(
-    distribution=StartDistribution(),
+    distribution=TripDistribution(),
     lockstep=64,
     steps=1_500_000,
     rollout=64,
@@ -18,7 +18,7 @@ _PPO = Reinforcement(
     discount=0.98,
 )
 
-RECIPES: dict[str, Recipe[StartDistribution]] = {
+RECIPES: dict[str, Recipe[TripDistribution]] = {
     "ppo": _PPO,
-    "ppo-randomised": replace(_PPO, distribution=StartDistribution(spread=0.25)),
+    "ppo-randomised": replace(_PPO, distribution=TripDistribution(spread=0.25)),
 }

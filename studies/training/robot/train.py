@@ -10,7 +10,7 @@ from __future__ import annotations
 from stable_baselines3 import PPO
 
 from sada_gym.envs.robot.agent.network import new_model, save
-from sada_gym.envs.robot.start_distribution import StartDistribution
+from sada_gym.envs.robot.start import TripDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Recipe, Reinforcement, Report, Script, learn, new_learner
@@ -18,7 +18,7 @@ from studies.training.robot.evaluate import measure, table
 from studies.training.robot.recipe import RECIPES
 
 
-def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
+def train(recipe: Recipe[TripDistribution], *, seed: int) -> PPO:
     """Train a robot by PPO, in one thread: more would give other last bits."""
     assert isinstance(recipe, Reinforcement)
     tasks = RobotTaskVectorEnv(recipe.distribution, num_envs=recipe.lockstep)

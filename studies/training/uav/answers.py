@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.uav.agent.drone_frame import REACH_M, along, axes_of, level_axes
+from sada_gym.envs.uav.agent.pilot import REACH_M, along, axes_of, level_axes
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.compiled import kernel
 

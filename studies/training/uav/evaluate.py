@@ -14,8 +14,7 @@ import numpy as np
 
 from sada_gym.application import Outcomes
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.world.track import GATES, TEMPLATES
 from sada_gym.evaluations import fools
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 from studies.training.uav.recipe import MILD

@@ -14,10 +14,8 @@ import numpy.typing as npt
 from torch import Tensor
 
 from sada_gym.agents.tile import Batch
-from sada_gym.envs.uav.agent.drone_frame import motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
-from sada_gym.envs.uav.agent.pilot import WaypointPilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot, WaypointPilot, motion
 from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from sada_gym.envs.uav.world.referee import GateOutcome

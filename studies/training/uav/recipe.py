@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.uav.start_distribution import StartDistribution
+from sada_gym.envs.uav.episodes import RaceDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from studies.training.common import Imitation, Recipe, Reinforcement
 
-MILD = StartDistribution(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
+MILD = RaceDistribution(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
 """Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
 WIDE = replace(MILD, spread=0.5)
 """Tracks that are displaced twice as far: trained on less, `ppo` misses gates of mild tracks."""
 
-RECIPES: dict[str, Recipe[StartDistribution]] = {
+RECIPES: dict[str, Recipe[RaceDistribution]] = {
     "waypoint-pid": Imitation(
         distribution=MILD,
         lockstep=48,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from stable_baselines3 import PPO
 
 from sada_gym.envs.uav.agent.network import WaypointNetwork, save
-from sada_gym.envs.uav.start_distribution import StartDistribution
+from sada_gym.envs.uav.episodes import RaceDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from sada_gym.foundations.determinism import one_thread
 from studies.training.common import Imitation, Recipe, Reinforcement, Script
@@ -30,7 +30,7 @@ tracks with mu of at most {WIDE.spread:g}.""",
 }
 
 
-def train(recipe: Recipe[StartDistribution], *, seed: int) -> WaypointNetwork | PPO:
+def train(recipe: Recipe[RaceDistribution], *, seed: int) -> WaypointNetwork | PPO:
     """Train a pilot by its recipe, in one thread: more would give other last bits."""
     with one_thread():
         if isinstance(recipe, Imitation):

@@ -25,7 +25,7 @@ from sada_gym.analyses.replay import replay
 from sada_gym.analyses.replay.captions import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
 from sada_gym.analyses.replay.clip import make_clip
 from sada_gym.analyses.replay.shots import describe_world, pace, path_to, scored_ending, share_time
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.uav.behaviour import ending as race_ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome

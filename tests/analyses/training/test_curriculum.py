@@ -20,7 +20,7 @@ from sada_gym.adversaries import make
 from sada_gym.analyses.regression.export import export
 from sada_gym.analyses.regression.suite import read_suite
 from sada_gym.analyses.training import FailureCurriculum, curriculum_vec_env, failures, weaknesses
-from sada_gym.envs.robot import RobotTaskEnv, StartDistribution
+from sada_gym.envs.robot import RobotTaskEnv, TripDistribution
 from sada_gym.envs.wrapped import (
     ActionNoise,
     Attribute,
@@ -468,7 +468,7 @@ def _fragile():
 
 
 def test_tasks_of_ours_take_the_conditions_and_keep_their_starts():
-    own = RobotTaskEnv(StartDistribution(turned_deg=0.0))
+    own = RobotTaskEnv(TripDistribution(turned_deg=0.0))
     mu = np.array([[-1.0] + 8 * [0.0] + [1.0]])
     env = FailureCurriculum(own, mu, shares={"failures": 0.5, "nominal": 0.5})
     seen = set()

@@ -17,8 +17,7 @@ from sada_gym.envs.detection.shapes import (
     fingerprint,
     triangles,
 )
-from sada_gym.envs.detection.shapes.cad import load_folder
-from sada_gym.envs.detection.shapes.mesh_file import read_mesh
+from sada_gym.envs.detection.shapes.cad import load_folder, read_mesh
 from sada_gym.errors import UserError
 
 SIZE = np.array([1.0, 2.0, 3.0])

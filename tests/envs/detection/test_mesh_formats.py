@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mesh_files import CORNERS, LIST, ROWS, TWO, VERTEX, XYZ, Glb, plain
 
-from sada_gym.envs.detection.shapes.mesh_file import read_mesh
+from sada_gym.envs.detection.shapes.cad import read_mesh
 from sada_gym.errors import UserError
 
 PAGE = Path(__file__).parents[3] / "docs/environments/mesh-files.md"

@@ -4,7 +4,7 @@ import pytest
 from sada_gym.envs.driving.camera.casting import MOST_HITS, cast
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING, TREE
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import DriveDistribution
 from sada_gym.envs.driving.world.route import make_route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, local_coordinates, town
 from sada_gym.envs.driving.world.weather import NAMES, WEATHERS, weather_index
@@ -157,7 +157,7 @@ def test_the_ground_shows_asphalt_lines_and_grass():
 
 def test_an_unknown_weather_lists_the_known_ones():
     with pytest.raises(ValueError, match=r"among ClearNoon, WetNoon, HardRainNoon, .*got 'Snow'"):
-        StartDistribution(weathers=("Snow",))
+        DriveDistribution(weathers=("Snow",))
 
 
 def test_a_mount_is_by_default_that_of_the_paper():

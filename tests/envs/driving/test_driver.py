@@ -23,8 +23,12 @@ from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, DrivingEpisodes
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import (
+    ACTION_SPACE,
+    OBSERVATION_SPACE,
+    DriveDistribution,
+    DrivingEpisodes,
+)
 from sada_gym.envs.driving.task import DrivingTaskEnv
 from sada_gym.foundations.sb3_vec_env import SB3VecEnv
 from studies.training.driving.privileged import PrivilegedDriver
@@ -45,7 +49,7 @@ def model():
 
 def cars(count, seed=0):
     rng = np.random.default_rng(seed)
-    distribution = StartDistribution(lateral_m=0.5, turned_deg=5.0, speed_m_s=8.0)
+    distribution = DriveDistribution(lateral_m=0.5, turned_deg=5.0, speed_m_s=8.0)
     return DrivingEpisodes(camera("training"), [distribution.draw(rng) for _ in range(count)])
 
 

@@ -2,8 +2,12 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M, DrivingEnd, DrivingEpisodes
-from sada_gym.envs.driving.start_distribution import StartDistribution
+from sada_gym.envs.driving.episodes import (
+    LANE_TOLERANCE_M,
+    DriveDistribution,
+    DrivingEnd,
+    DrivingEpisodes,
+)
 from sada_gym.envs.driving.task import DrivingTaskEnv
 from studies.training.driving.privileged import PrivilegedDriver
 
@@ -30,7 +34,7 @@ def test_good_driving_is_rewarded_and_leaving_the_lane_is_not():
 
 
 def test_who_stands_still_is_too_late():
-    env = DrivingTaskEnv(StartDistribution(corners=(1, 1)))
+    env = DrivingTaskEnv(DriveDistribution(corners=(1, 1)))
     env.reset(seed=0)
     truncated, steps = False, 0
     while not truncated:
@@ -45,7 +49,7 @@ def test_who_stands_still_is_too_late():
 
 def test_the_expert_arrives_everywhere():
     for layout in ("training", "benchmark"):
-        distribution = StartDistribution(layout, lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
+        distribution = DriveDistribution(layout, lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
         rng = np.random.default_rng(0)
         drives = DrivingEpisodes(camera(layout), [distribution.draw(rng) for _ in range(60)])
         expert, furthest = PrivilegedDriver(), 0.0
@@ -77,4 +81,4 @@ def test_the_expert_arrives_everywhere():
 )
 def test_a_course_that_nobody_could_drive_is_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        StartDistribution(**settings)
+        DriveDistribution(**settings)

@@ -12,9 +12,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sada_gym.agents.policy import POLICY_TILE, Policy
 from sada_gym.application import Scored
-from sada_gym.envs.episodes.base import Episodes
+from sada_gym.envs.episodes.base import Episodes, play, record
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import play, record
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.testing.purity import assert_pure

@@ -4,12 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.envs.episodes.rollout import play, record
+from sada_gym.envs.episodes.base import play, record
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
 from sada_gym.envs.robot.episodes import GRACE_S, SLOWEST_M_S, RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
-from sada_gym.envs.robot.start_distribution import StartDistribution
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart, TripDistribution
 from sada_gym.envs.robot.world.carts import SEES_M
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, floor_plan
 from sada_gym.envs.robot.world.geometry import clearance
@@ -39,7 +38,7 @@ class Blind(Still):
 
 def draw(count, distribution=None, seed=0):
     rng = np.random.default_rng(seed)
-    return [(distribution or StartDistribution()).draw(rng) for _ in range(count)]
+    return [(distribution or TripDistribution()).draw(rng) for _ in range(count)]
 
 
 def gap(trips, i):
@@ -104,7 +103,7 @@ def test_carts_drive_to_and_fro_and_wait_for_the_robot():
 
 
 def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
-    starts = draw(7, StartDistribution(spread=1.0))
+    starts = draw(7, TripDistribution(spread=1.0))
     together = record(Blind(), RobotEpisodes(starts))
     alone = [record(Blind(), RobotEpisodes([start]))[0] for start in starts[::-1]][::-1]
     for batched, two in zip(together, alone, strict=True):
@@ -113,7 +112,7 @@ def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
 
 
 def test_a_place_is_used_again_as_if_it_were_new():
-    first, second = draw(2, StartDistribution(spread=1.0))
+    first, second = draw(2, TripDistribution(spread=1.0))
     trips = RobotEpisodes([first, first])
     for _ in range(9):
         trips.step(np.arange(2), np.full((2, 2), 0.3))
@@ -133,7 +132,7 @@ def test_the_seed_fixes_the_lidars_noise_alone():
 
 
 def test_the_privileged_driver_arrives():
-    trips = RobotEpisodes(draw(20, StartDistribution(spread=1.0)))
+    trips = RobotEpisodes(draw(20, TripDistribution(spread=1.0)))
     play(PrivilegedDriver(), trips)
     assert (trips.ending == RobotEnd.ARRIVED).sum() >= 19
 
@@ -177,9 +176,9 @@ def test_conditions_outside_of_their_ranges_are_refused(name):
 )
 def test_bad_courses_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        StartDistribution(**settings)
+        TripDistribution(**settings)
 
 
 def test_courses_can_be_pickled():
-    distribution = StartDistribution(spread=0.5)
+    distribution = TripDistribution(spread=0.5)
     assert pickle.loads(pickle.dumps(distribution)) == distribution

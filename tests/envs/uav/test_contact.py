@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from sada_gym.envs.uav.world.contact import BODY_M, touches
 from sada_gym.envs.uav.world.drone import upright
 from sada_gym.envs.uav.world.gates import BARS, CENTRE_HEIGHT_M, DEPTH_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.world.referee import BODY_M, touches
 
 LENGTH, WIDTH, HEIGHT = BODY_M
 H = CENTRE_HEIGHT_M

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from sada_gym import agents
 from sada_gym.envs.uav.agent import network as files
-from sada_gym.envs.uav.agent.drone_frame import in_level, motion
 from sada_gym.envs.uav.agent.network import new_network
-from sada_gym.envs.uav.agent.pilot import WAYPOINT_TILE, WaypointPilot
+from sada_gym.envs.uav.agent.pilot import WAYPOINT_TILE, WaypointPilot, in_level, motion
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.track import GATES
 from studies.training.uav.answers import in_drone

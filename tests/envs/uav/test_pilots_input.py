@@ -8,8 +8,7 @@ from torch import nn
 from sada_gym import agents
 from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model
-from sada_gym.envs.uav.agent.pilot import WaypointPilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot, WaypointPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE, POLICY_HZ
 from sada_gym.envs.uav.world.track import GATES

@@ -1,15 +1,19 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingEpisodes, RacingStart
-from sada_gym.envs.uav.start_distribution import StartDistribution, benchmark_starts
-from sada_gym.envs.uav.world.contact import touches
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot
+from sada_gym.envs.uav.episodes import (
+    GATE_LIMIT_S,
+    POLICY_HZ,
+    RaceDistribution,
+    RacingEpisodes,
+    RacingStart,
+    benchmark_starts,
+)
 from sada_gym.envs.uav.world.drone import upright
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
-from sada_gym.envs.uav.world.referee import GateOutcome
-from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.world.referee import GateOutcome, touches
+from sada_gym.envs.uav.world.track import GATES, TEMPLATES
 
 H = CENTRE_HEIGHT_M
 ROW = np.array([[8.0 * k, 0.0, H, 0.0] for k in range(1, 5)])
@@ -342,7 +346,7 @@ def test_seeds_move_the_start_a_little_and_fix_the_look():
 
 def test_a_course_begins_before_any_gate():
     rng = np.random.default_rng(0)
-    made = [StartDistribution().draw(rng) for _ in range(60)]
+    made = [RaceDistribution().draw(rng) for _ in range(60)]
     for start in made:
         first = start.gates[0]
         away = first[:2] - start.place[:2]

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import REPLAY_HZ
 from sada_gym.envs.uav.frame import (
     VIEW_COLUMNS,
     VIEW_ROWS,
-    Plan,
+    TrackMap,
     flown_ways,
     shown_step,
     summary,
@@ -135,7 +135,7 @@ def test_the_way_is_cut_where_the_drone_was_set_back(failed):
 
 
 def test_a_plan_holds_its_gates(flown):
-    plan = Plan(flown.start.gates, line(flown.start.anchors))
+    plan = TrackMap(flown.start.gates, line(flown.start.anchors))
     for x, y in plan._pixels(flown.start.gates[:, :2]):
         assert 0 < x < 2 * VIEW_ROWS
         assert 0 < y < 2 * VIEW_ROWS

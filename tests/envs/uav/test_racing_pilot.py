@@ -8,8 +8,7 @@ from stable_baselines3 import PPO
 
 from sada_gym.agents.policy import Policy
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
-from sada_gym.envs.uav.agent.pilot import WaypointPilot, as_pilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot, WaypointPilot, as_pilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
 from sada_gym.foundations.sb3_vec_env import SB3VecEnv

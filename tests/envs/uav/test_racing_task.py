@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.start_distribution import StartDistribution
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot
+from sada_gym.envs.uav.episodes import RaceDistribution
 from sada_gym.envs.uav.task import RacingTaskEnv
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
@@ -68,7 +68,7 @@ def test_the_task_ends_where_the_drone_touches_the_ground():
 )
 def test_a_course_of_what_there_is_not_is_refused(keywords, message):
     with pytest.raises(ValueError, match=message):
-        StartDistribution(**keywords)
+        RaceDistribution(**keywords)
 
 
 def test_the_picture_is_the_cameras():

@@ -3,15 +3,18 @@ import pytest
 from scipy.optimize import minimize
 
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
-from sada_gym.envs.uav.world.templates import (
+from sada_gym.envs.uav.world.track import (
+    GATES,
     LEAST_SPACING_M,
     LEAST_START_M,
     TEMPLATES,
     Template,
+    Tracks,
+    along,
     buildable,
+    line,
     template,
 )
-from sada_gym.envs.uav.world.track import GATES, Tracks, along, line
 
 COUNTS = tuple(TEMPLATES)
 

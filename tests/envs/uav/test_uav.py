@@ -11,7 +11,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from sada_gym.application import feasible_worlds
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.pilot import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.referee import GateOutcome
@@ -200,7 +200,7 @@ def test_an_unknown_pilot_is_refused():
 
 
 def test_the_docstring_gives_ranges_and_endings_as_they_are():
-    from sada_gym.envs.uav.world.templates import LEAST_SPACING_M, TEMPLATES
+    from sada_gym.envs.uav.world.track import LEAST_SPACING_M, TEMPLATES
 
     for anchors, chosen in TEMPLATES.items():
         row = f"| {anchors} | {2 * anchors} | {chosen.range_m:g} |"
@@ -252,7 +252,7 @@ def test_tracks_are_built_once_a_batch(monkeypatch):
             built.append(len(anchors))
             super().__init__(anchors)
 
-    monkeypatch.setattr("sada_gym.envs.uav.world.templates.Tracks", Counted)
+    monkeypatch.setattr("sada_gym.envs.uav.world.track.Tracks", Counted)
     application = UAVApplication(3, agent=NaNPilot())
     application.evaluate(np.zeros((5, 6)), range(5))  # the first time an agent is asked twice
     built.clear()

@@ -38,7 +38,7 @@ _ACTIVATIONS = {"Relu": "relu", "Relu6": "relu6", "Sigmoid": "sigmoid"}
 
 
 @dataclass(frozen=True)
-class _Value:
+class _Output:
     """What a node gives: `scale` times the output of a step."""
 
     step: int
@@ -52,18 +52,18 @@ class _Converter:
     users: Counter[str]
     steps: list[dict[str, Any]] = field(default_factory=lambda: [{"op": "image"}])
     weights: dict[str, Array] = field(default_factory=dict)
-    values: dict[str, _Value] = field(default_factory=dict)
+    values: dict[str, _Output] = field(default_factory=dict)
 
-    def value(self, name: str) -> _Value:
+    def value(self, name: str) -> _Output:
         """Return a node's value, and lay out the steps that it needs."""
         if name not in self.values:
             self.values[name] = self._convert(self.nodes[name], name)
         return self.values[name]
 
-    def _convert(self, node: Mapping[str, Any], name: str) -> _Value:
+    def _convert(self, node: Mapping[str, Any], name: str) -> _Output:
         op, inputs = node["op"], node.get("input", [])
         if op == "Placeholder":
-            return _Value(0)
+            return _Output(0)
         if op in _CONVOLUTIONS:
             return self._convolution(node, *inputs)
         if op == "Mul":
@@ -88,13 +88,13 @@ class _Converter:
             return self._step("double", resized.step, scale=resized.scale)
         raise FileError(f"Expected a graph of convolutions, got {op} as its node {name}.")
 
-    def _step(self, op: str, *inputs: int, scale: float = 1.0, **settings: Any) -> _Value:
+    def _step(self, op: str, *inputs: int, scale: float = 1.0, **settings: Any) -> _Output:
         self.steps.append({"op": op, "inputs": list(inputs), **settings})
-        return _Value(len(self.steps) - 1, scale)
+        return _Output(len(self.steps) - 1, scale)
 
     def _convolution(
         self, node: Mapping[str, Any], image: str, kernel: str, bias: str | None = None
-    ) -> _Value:
+    ) -> _Output:
         seen, weights = self.value(image), self.constants[kernel]
         height, width, channels, outputs = weights.shape
         stride = {int(n) for n in node["attr"]["strides"]["list"]["i"][1:3]}
@@ -122,7 +122,7 @@ class _Converter:
             activation=activation,
         )
 
-    def _activation(self, activation: str, name: str) -> _Value:
+    def _activation(self, activation: str, name: str) -> _Output:
         seen = self.value(name)
         step = self.steps[seen.step]
         if seen.scale != 1:
@@ -132,7 +132,7 @@ class _Converter:
             return seen
         return self._step(activation, seen.step)
 
-    def _product(self, first: str, second: str) -> _Value:
+    def _product(self, first: str, second: str) -> _Output:
         for factor, other in ((first, second), (second, first)):
             if factor not in self.constants:
                 continue
@@ -140,7 +140,7 @@ class _Converter:
             shifted = self._shifted(other)
             if shifted is None or self.users[shifted] > 1:
                 value = self.value(other)
-                return _Value(value.step, value.scale * scale)
+                return _Output(value.step, value.scale * scale)
             return self._hard("hardsigmoid", shifted, scale)
         for gate, other in ((first, second), (second, first)):
             shifted = self._shifted(gate)
@@ -160,14 +160,14 @@ class _Converter:
         x, three = self.nodes[node["input"][0]]["input"]
         return x if three in self.constants and self.constants[three] == 3 else None
 
-    def _hard(self, activation: str, name: str, scale: float) -> _Value:
+    def _hard(self, activation: str, name: str, scale: float) -> _Output:
         """Return `scale` instead of 1/6 times the clipped values, as the graph has it."""
         seen = self.value(name)
         step = self.steps[seen.step]
         if seen.scale != 1 or step["op"] != "convolution" or step["activation"]:
             raise FileError(f"Expected a plain convolution before the {activation} of {name}.")
         step["activation"] = activation
-        return _Value(seen.step, 6 * scale)
+        return _Output(seen.step, 6 * scale)
 
 
 def convert(model: bytes, weights: bytes, outputs: Sequence[str]) -> bytes:

@@ -121,14 +121,14 @@ def convert(members: Mapping[str, bytes]) -> bytes:
     (content,) = members.values()
     try:
         weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-        return _Layout({name: value.numpy() for name, value in weights.items()}).file()
+        return _StepWriter({name: value.numpy() for name, value in weights.items()}).file()
     except (RuntimeError, pickle.UnpicklingError, EOFError, LookupError, AttributeError) as error:
         raise FileError(
             f"Expected the weights of an EfficientNet-Lite0, got {type(error).__name__}: {error}."
         ) from error
 
 
-class _Layout:
+class _StepWriter:
     """Lays the network out as steps, with batch normalisation folded into convolutions."""
 
     def __init__(self, weights: Mapping[str, np.ndarray[Any, Any]]) -> None:

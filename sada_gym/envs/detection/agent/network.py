@@ -7,11 +7,14 @@ reaches from there: CenterNet (Zhou et al. 2019) with the box regression of FCOS
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sada_gym.agents.weights import WeightsFile, load_weights
+from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from sada_gym.errors import UserError
 
 STRIDE = 8
@@ -169,3 +172,14 @@ def iou(a: Tensor, b: Tensor) -> Tensor:
     shared = (high - low).clamp(min=0).prod(-1)
     whole = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)
     return shared / (whole - shared).clamp(min=1e-9)
+
+
+def load(path: Path) -> Detector:
+    """Read a trained detector, frozen and ready to detect.
+
+    Raises:
+        FileError: If the file does not hold this network's weights.
+    """
+    model, content = Detector(CLASSES), f"the weights of the {len(CLASSES)}-class Detector"
+    load_weights(model, WeightsFile(path, content, "detector", "studies.training.detection.train"))
+    return model.eval().requires_grad_(False)

@@ -23,7 +23,7 @@ _IGNORED = ("name", "crease", "subdiv", "url", "hidden", "locked", "folded")
 
 
 @dataclass
-class _Parts:
+class _Polygons:
     """Polygons of all objects, in the place that the objects' parents give them."""
 
     points: list[npt.NDArray[np.float64]] = field(default_factory=list)
@@ -75,7 +75,7 @@ def read_ac3d(text: str, companions: Companions, hidden: Collection[str] = ()) -
     Raises:
         UserError: If the file breaks the format, or holds what is not drawn; the message says what.
     """
-    lines, parts, materials = _Lines(text), _Parts(), []
+    lines, parts, materials = _Lines(text), _Polygons(), []
     if not (lines.next() or [""])[0].startswith("AC3D"):
         raise UserError("a file that does not begin with AC3D")
     try:
@@ -103,7 +103,7 @@ def _material(words: list[str]) -> Surface:
 
 
 def _read_object(
-    lines: _Lines, parts: _Parts, parent: npt.NDArray[np.float64], hidden: Collection[str] | None
+    lines: _Lines, parts: _Polygons, parent: npt.NDArray[np.float64], hidden: Collection[str] | None
 ) -> None:
     """Read an object and those below it; with hidden None, for nothing."""
     place, texture, start = np.eye(4), "", parts.count
@@ -135,7 +135,7 @@ def _read_object(
         elif keyword == "numsurf":
             for _ in range(lines.count(values[0])):
                 _read_surface(
-                    lines, parts if hidden is not None else _Parts(), start, texture, laid
+                    lines, parts if hidden is not None else _Polygons(), start, texture, laid
                 )
         elif keyword == "kids":
             for _ in range(lines.count(values[0])):
@@ -151,7 +151,7 @@ def _read_object(
 
 
 def _read_surface(
-    lines: _Lines, parts: _Parts, start: int, texture: str, laid: Sequence[float]
+    lines: _Lines, parts: _Polygons, start: int, texture: str, laid: Sequence[float]
 ) -> None:
     keyword, flags = lines.next()
     kind = int(flags, 16) & 15
@@ -173,7 +173,7 @@ def _read_surface(
         parts.surface.append(parts.used.setdefault((material, texture), len(parts.used)))
 
 
-def _joined(parts: _Parts, materials: list[Surface], companions: Companions) -> Triangles:
+def _joined(parts: _Polygons, materials: list[Surface], companions: Companions) -> Triangles:
     points = np.concatenate([np.empty((0, 3)), *parts.points])
     corners = np.array(parts.corners, np.int64)
     check_corners(corners, len(points))

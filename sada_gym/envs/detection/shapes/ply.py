@@ -69,7 +69,7 @@ def read_ply(content: bytes, companions: Companions | None = None) -> Triangles:
             check_count(element.count)
         elif element.name == "tristrips" and element.count:
             raise UserError("strips of triangles (tristrips): export faces")
-    rows = _Body(body, order)
+    rows = _Rows(body, order)
     columns = {element.name: rows.element(element) for element in elements}
     return _triangles(columns, textures, companions)
 
@@ -98,7 +98,7 @@ def _header(text: str) -> tuple[str, list[_Element], list[str]]:
     return order, elements, textures
 
 
-class _Body:
+class _Rows:
     """Reads elements one after another: out of words, or of bytes of an order, `<` or `>`."""
 
     def __init__(self, body: bytes, order: str) -> None:

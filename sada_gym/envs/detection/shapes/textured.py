@@ -59,14 +59,14 @@ class _Model(Strict):
         return Orientation(up=self.up, front=self.front or front)
 
 
-class _List(Strict):
+class _ModelList(Strict):
     model: tuple[_Model, ...]
 
 
 @functools.cache
 def listed_models() -> tuple[_Model, ...]:
     """Read the list of models."""
-    return _List.model_validate(read_toml(LIST)).model
+    return _ModelList.model_validate(read_toml(LIST)).model
 
 
 def sweethome3d(object_class: str) -> tuple[Shape, ...]:

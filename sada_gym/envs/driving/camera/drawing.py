@@ -14,11 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
-from sada_gym.envs.driving.camera.rain import draw_rain
+from sada_gym.envs.driving.camera.colours import (
+    draw_rain,
+    first_upright,
+    ground_colour,
+    mirrored_share,
+    sky_colour,
+)
 from sada_gym.envs.driving.camera.scenery import TownArrays
-from sada_gym.envs.driving.camera.sky import sky_colour
-from sada_gym.envs.driving.camera.surface import ground_colour, mirrored_share
-from sada_gym.envs.driving.camera.uprights import first_upright
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import TONE_WHITE, mix, plus
 from sada_gym.foundations.arrays import Bytes, Floats, Floats32, Indices, Integers

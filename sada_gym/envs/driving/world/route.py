@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from highway_env.road.lane import AbstractLane
 
-from sada_gym.envs.driving.world.layout import Corner
-from sada_gym.envs.driving.world.town import Manoeuvre, Town, town
+from sada_gym.envs.driving.world.town import Corner, Manoeuvre, Town, town
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Floats
 
