@@ -7,8 +7,8 @@ import numpy as np
 from PIL import Image
 
 from sada_gym.envs.robot.application import RobotApplication
-from sada_gym.envs.robot.conditions import PARAMETERS, Conditions
 from sada_gym.envs.robot.frame import WIDTH, snapshot, summary
+from sada_gym.envs.robot.start import PARAMETERS, Conditions
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED = 1

@@ -14,8 +14,7 @@ from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.episodes import DriveDistribution
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.robot.application import RobotApplication
-from sada_gym.envs.robot.conditions import conditions
-from sada_gym.envs.robot.start import TripDistribution
+from sada_gym.envs.robot.start import TripDistribution, conditions
 from sada_gym.foundations.arrays import Floats32
 from sada_gym.foundations.cards import find_card
 from sada_gym.foundations.lazy import load

@@ -27,14 +27,12 @@ from sada_gym.envs.detection.parameter_sets import (
 )
 from sada_gym.envs.detection.renderers.base import (
     DEFAULT_KEY,
+    DEFAULT_RENDERER,
     Renderer,
     Rendering,
-    validate_renderings,
-)
-from sada_gym.envs.detection.renderers.registry import (
-    DEFAULT_RENDERER,
     default_renderer,
     find_renderer,
+    validate_renderings,
 )
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import fingerprint

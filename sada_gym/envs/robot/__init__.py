@@ -6,8 +6,7 @@ from sada_gym.foundations.lazy import lazy_names
 
 if TYPE_CHECKING:
     from sada_gym.envs.robot.application import RobotApplication
-    from sada_gym.envs.robot.conditions import Conditions
-    from sada_gym.envs.robot.start import TripDistribution
+    from sada_gym.envs.robot.start import Conditions, TripDistribution
     from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
 
 __all__ = [
@@ -21,7 +20,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "Conditions": "conditions",
+        "Conditions": "start",
         "TripDistribution": "start",
         "RobotApplication": "application",
         "RobotTaskEnv": "task",

@@ -8,9 +8,8 @@ import numpy as np
 
 from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
-from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
+from sada_gym.envs.robot.start import PARAMETERS, POLICY_HZ, RobotEnd, RobotStart, conditions
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 from sada_gym.parameters import Mu
 

@@ -9,8 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.episodes.base import Rollout
-from sada_gym.envs.robot.conditions import Conditions
-from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
+from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, Conditions, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
 from sada_gym.foundations.arrays import Floats

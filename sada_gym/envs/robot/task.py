@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.envs.robot.conditions import PARAMETERS
 from sada_gym.envs.robot.episodes import RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, TripDistribution
+from sada_gym.envs.robot.start import PARAMETERS, POLICY_HZ, RobotEnd, TripDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 from sada_gym.errors import check_known
 from sada_gym.foundations.arrays import Bools, Floats

@@ -8,7 +8,7 @@ from toy_parts import Flat
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection import frame as detection_frame
 from sada_gym.envs.detection.renderers import default_renderer
-from sada_gym.envs.detection.renderers.registry import RENDERERS
+from sada_gym.envs.detection.renderers.base import RENDERERS
 from sada_gym.envs.detection.shapes.registry import SHAPES
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import make_application

@@ -6,9 +6,17 @@ import pytest
 
 from sada_gym.envs.episodes.base import play, record
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
-from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
 from sada_gym.envs.robot.episodes import GRACE_S, SLOWEST_M_S, RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart, TripDistribution
+from sada_gym.envs.robot.start import (
+    NOMINAL,
+    PARAMETERS,
+    POLICY_HZ,
+    Conditions,
+    RobotEnd,
+    RobotStart,
+    TripDistribution,
+    conditions,
+)
 from sada_gym.envs.robot.world.carts import SEES_M
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, floor_plan
 from sada_gym.envs.robot.world.geometry import clearance

@@ -1,7 +1,8 @@
-"""The base of all renderers: it turns scenes into pictures and has an identity for stores."""
+"""The base of all renderers, which turn scenes into pictures, and the table of ours."""
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import numpy.typing as npt
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import check_unmasked
+from sada_gym.foundations.parts import find_part
 
 DEFAULT_KEY = "Rasteriser"
 """The default renderer in the settings of stores and published results."""
@@ -134,3 +136,34 @@ def validate_renderings(
                 f"{box!r}."
             )
     return list(renderings)
+
+
+RENDERERS: dict[str, str] = {
+    "rasteriser": "sada_gym.envs.detection.renderers.rasteriser:Rasteriser",
+    "blender": "sada_gym.envs.detection.renderers.blender:Blender",
+}
+"""Each renderer's `module:Class`. The class takes no argument and is loaded on first use."""
+
+DEFAULT_RENDERER = "rasteriser"
+
+
+def find_renderer(renderer: Any) -> Renderer:
+    """Make a renderer by a key of `RENDERERS` or `module:Class`, or return a user's own one.
+
+    Whoever has one made closes it.
+
+    Raises:
+        UserError: If there is no such renderer, or it is not a `Renderer`.
+    """
+    if not isinstance(renderer, str):
+        return validate_renderer(renderer)
+    kind = find_part("renderer", renderer, RENDERERS)
+    if not (isinstance(kind, type) and issubclass(kind, Renderer)):
+        raise UserError(f"Expected {renderer!r} to be a subclass of Renderer, got {kind!r}.")
+    return validate_renderer(kind())
+
+
+@functools.cache
+def default_renderer() -> Renderer:
+    """Return the default renderer that the process shares; its kernels are loaded on first use."""
+    return find_renderer(DEFAULT_RENDERER)

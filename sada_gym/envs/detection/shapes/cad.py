@@ -12,21 +12,76 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from pydantic import ValidationError
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from typing_extensions import Self
 
 from sada_gym.envs.detection.shapes.assembly import Part, assemble, assemble_textured
 from sada_gym.envs.detection.shapes.companions import MAX_BYTES, Companions
 from sada_gym.envs.detection.shapes.gltf import read_gltf
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.envs.detection.shapes.obj import read_obj
-from sada_gym.envs.detection.shapes.orientation import FolderSettings
 from sada_gym.envs.detection.shapes.ply import read_ply
 from sada_gym.envs.detection.shapes.stl import read_stl
 from sada_gym.envs.detection.shapes.surface import Surface
 from sada_gym.envs.detection.shapes.triangles import Triangles, as_text, check_count, wound
 from sada_gym.errors import UserError
+
+Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+class Orientation(BaseModel):
+    """The files' axes that point up and where an object looks, ShapeNet's by default."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    up: Direction = "+y"
+    front: Direction = "-z"
+
+    @model_validator(mode="after")
+    def _is_plane(self) -> Self:
+        if self.up[1] == self.front[1]:
+            raise UserError(
+                f"Expected up and front along two different axes, got {self.up} and {self.front}; "
+                "ShapeNet's are +y and -z"
+            )
+        return self
+
+    def rotation(self) -> npt.NDArray[np.float64]:
+        """Return the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
+        up, front = _vector(self.up), _vector(self.front)
+        return np.stack([front, np.cross(up, front), up])
+
+
+class FolderSettings(Orientation):
+    """What `shapes.json` says of a folder's files.
+
+    Attributes:
+        textures: Whether the files' materials and textures are drawn, not the paint alone.
+        paint: Patterns of names of materials, such as `body*`, that take the paint all the same.
+    """
+
+    textures: bool = False
+    paint: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _has_materials(self) -> Self:
+        if self.paint and not self.textures:
+            raise UserError(
+                'Expected "textures": true beside "paint", got none; without textures, all faces '
+                "are painted"
+            )
+        return self
+
+
+def _vector(direction: str) -> npt.NDArray[np.float64]:
+    vector = np.zeros(3)
+    vector["xyz".index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
+    return vector
+
 
 _COMPANIONS = frozenset(
     {".bin", ".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt", ".webp"}

@@ -10,10 +10,10 @@ from typing import Literal
 
 from sada_gym.envs.detection.shapes.ac3d import read_ac3d
 from sada_gym.envs.detection.shapes.assembly import assemble_textured
+from sada_gym.envs.detection.shapes.cad import Direction, Orientation
 from sada_gym.envs.detection.shapes.companions import Companions
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.envs.detection.shapes.obj import read_obj
-from sada_gym.envs.detection.shapes.orientation import Direction, Orientation
 from sada_gym.envs.detection.shapes.triangles import as_text
 from sada_gym.errors import FileError, MissingPart, UserError
 from sada_gym.foundations.files import Strict, read_toml
