@@ -14,7 +14,7 @@ from leaderboard.board_tables import (
     ranking_sheets,
     strongest_sheet,
 )
-from sada_gym.board.benchmark.results import Comparison, Results, results_of
+from sada_gym.board.benchmark.results import Results, TableComparison, results_of
 from sada_gym.board.results.entry import Entry, EntryResult
 from sada_gym.board.results.front import FrontChart, make_chart
 from sada_gym.board.results.models import Tier
@@ -66,7 +66,7 @@ class GroupBoard:
     unchecked: tuple[str, ...] = ()
 
     @cached_property
-    def comparisons(self) -> tuple[tuple[Comparison, tuple[Ranking, ...]], ...]:
+    def comparisons(self) -> tuple[tuple[TableComparison, tuple[Ranking, ...]], ...]:
         """What is claimed in each table against each agent, with its rankings by tier."""
         claims = self.results["claimed"].comparisons
         return tuple((claimed, tuple(self._rankings(claimed))) for claimed in claims)
@@ -81,7 +81,7 @@ class GroupBoard:
         """The paper's numbers alone, where there is no entry yet and the paper has the tracks."""
         return None if self.comparisons else paper_sheet(self.card)
 
-    def _rankings(self, claimed: Comparison) -> Iterator[Ranking]:
+    def _rankings(self, claimed: TableComparison) -> Iterator[Ranking]:
         verified = self.results["verified"].find(claimed.table.name, claimed.agent)
         known = {row.entry for row in verified.rows} if verified else set()
         for tier, comparison in zip(TIERS, (verified, claimed), strict=True):

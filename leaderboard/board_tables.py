@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sada_gym.board.benchmark.results import Comparison, Results
+from sada_gym.board.benchmark.results import Results, TableComparison
 from sada_gym.board.benchmark.suite import default_agent
 from sada_gym.board.results import paper
 from sada_gym.board.results.columns import row_cells, row_columns
@@ -80,7 +80,7 @@ class _RankingLine(NamedTuple):
 
 
 def ranking_sheets(
-    card: ApplicationCard, entries: Sequence[Entry], comparison: Comparison, tier: Tier
+    card: ApplicationCard, entries: Sequence[Entry], comparison: TableComparison, tier: Tier
 ) -> tuple[Sheet, Sheet, Sheet]:
     """Lay out a comparison in one tier: entries by F1 (AFR without coverage), then other rates.
 

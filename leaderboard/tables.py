@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 from sada_gym import agents
-from sada_gym.board.benchmark.results import Comparison, Results, results_of
+from sada_gym.board.benchmark.results import Results, TableComparison, results_of
 from sada_gym.board.benchmark.suite import ADVERSARIES, TABLES, default_agent, find_suite
 from sada_gym.board.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.board.benchmark.tables import write_tables
@@ -76,7 +76,7 @@ class Headline:
             return ()
         return verified.rows if track is None else verified.by_track[track]
 
-    def verified(self, entries: Sequence[Entry]) -> Comparison | None:
+    def verified(self, entries: Sequence[Entry]) -> TableComparison | None:
         """Return what is verified on any of the suite's tracks."""
         return _verified(self.suite, self.table, tuple(entries)).find(self.table, self.agent)
 

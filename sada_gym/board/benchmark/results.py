@@ -20,7 +20,7 @@ from sada_gym.foundations.registration import env_ids
 
 
 @dataclass(frozen=True)
-class Comparison:
+class TableComparison:
     """The runs of a table against one agent."""
 
     table: Table
@@ -66,7 +66,7 @@ class Results:
     """
 
     targets: tuple[Target, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[TableComparison, ...]
 
     @property
     def runs(self) -> tuple[RunSummary, ...]:
@@ -86,7 +86,7 @@ class Results:
         """List the seeds of the runs that attack a target."""
         return sorted({run.claims.seed for run in self.runs if run.experiment.target == target})
 
-    def find(self, table: str, agent: str) -> Comparison | None:
+    def find(self, table: str, agent: str) -> TableComparison | None:
         """Find the runs of a table against an agent."""
         named = (c for c in self.comparisons if (c.table.name, c.agent) == (table, agent))
         return next(named, None)
@@ -139,7 +139,7 @@ def results_of(
                     runs_of.setdefault((table, target.agent), []).extend(runs)
     known = agents.names()
     comparisons = tuple(
-        Comparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
+        TableComparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
         for table, agent in sorted(runs_of, key=lambda key: (key[0], _place(key[1], known)))
     )
     attacked = dict.fromkeys((track, c.agent) for c in comparisons for track in c.tracks)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sada_gym.board.benchmark.folder import TABLE_FILE
-from sada_gym.board.benchmark.results import Comparison, Results
+from sada_gym.board.benchmark.results import Results, TableComparison
 from sada_gym.board.benchmark.suite import is_default
 from sada_gym.board.results import paper
 from sada_gym.board.results.columns import row_cells, row_columns
@@ -99,7 +99,7 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _all_measures(comparison: Comparison) -> Iterator[str]:
+def _all_measures(comparison: TableComparison) -> Iterator[str]:
     shown = ("adversary", "f1", "rank", "afr", "afr_iqm", "relative_coverage")
     more = ("coverage", *_means(comparison.rows), "runs")
     front = Column("front", "front", blank="")
@@ -150,7 +150,7 @@ def _all_applications(results: Results, table: str) -> Iterator[str]:
 class _ByTrack:
     """The rows of a table with one agent on each track; rates are by track and label."""
 
-    def __init__(self, results: Results, comparison_of: Mapping[str, Comparison]) -> None:
+    def __init__(self, results: Results, comparison_of: Mapping[str, TableComparison]) -> None:
         self.tracks = list(comparison_of)
         self.overall = {row.label: row for c in comparison_of.values() for row in c.rows}
         self.rows = {

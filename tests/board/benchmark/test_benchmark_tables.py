@@ -1,7 +1,7 @@
 import pytest
 from made_experiments import made_experiment, made_target
 
-from sada_gym.board.benchmark.results import Comparison, Results
+from sada_gym.board.benchmark.results import Results, TableComparison
 from sada_gym.board.benchmark.suite import Budget, Table
 from sada_gym.board.benchmark.tables import short_name, write_tables
 from sada_gym.board.results.models import SeedResult
@@ -74,7 +74,7 @@ def report(tmp_path, runs, notes=()):
     results = Results(
         targets=tuple(targets.values()),
         comparisons=tuple(
-            Comparison(
+            TableComparison(
                 TABLE, agent, tuple(run for run in runs if run.experiment.target.agent == agent)
             )
             for agent in agents
