@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from torch.nn import functional
 
 from sada_gym.envs.digits import DigitsApplication
-from sada_gym.envs.digits.frame import INK, RIGHT, WRONG, enlarged
+from sada_gym.envs.digits.base import INK, RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"

@@ -16,7 +16,7 @@ from sada_gym import Application, make_application
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.digits import DigitsApplication
-from sada_gym.envs.digits.frame import RIGHT, WRONG, enlarged
+from sada_gym.envs.digits.base import RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.frame import snapshot

@@ -270,21 +270,19 @@ class DetectionApplication(Application):
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose pictures the detector sees together."""
-        batch = self.parameters.validate(mu)
-        scenes = self._scenes(batch, validate_seeds(seeds, len(batch)))
-        for rendering, detections in self._detected(scenes):
-            yield annotate(rendering, detections, self.class_names, self.label)
+        return self._frames(mu, seeds, finer=False)
 
     def film_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw them in more detail than the detector sees, if the renderer has `any_size`."""
-        if not self.renderer.any_size:
-            yield from self.render_batch(mu, seeds)
-            return
+        return self._frames(mu, seeds, finer=self.renderer.any_size)
+
+    def _frames(self, mu: npt.ArrayLike, seeds: Sequence[int], *, finer: bool) -> Iterator[Frame]:
         batch = self.parameters.validate(mu)
         scenes = self._scenes(batch, validate_seeds(seeds, len(batch)))
-        finer = self.renderer.render_batch(scenes, SIDE)
-        for (rendering, detections), large in zip(self._detected(scenes), finer, strict=True):
-            yield annotate(rendering, detections, self.class_names, self.label, large.image)
+        large = self.renderer.render_batch(scenes, SIDE) if finer else [None] * len(scenes)
+        for (rendering, detections), more in zip(self._detected(scenes), large, strict=True):
+            image = None if more is None else more.image
+            yield annotate(rendering, detections, self.class_names, self.label, image)
 
     @property
     def class_names(self) -> dict[int, str]:

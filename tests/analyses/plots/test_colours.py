@@ -5,7 +5,7 @@ import pytest
 
 from sada_gym.analyses.plots import style
 from sada_gym.envs.detection import frame as detection
-from sada_gym.envs.digits import frame as digits
+from sada_gym.envs.digits import base as digits
 from sada_gym.envs.driving import frame as driving
 from sada_gym.envs.robot import frame as robot
 from sada_gym.envs.uav import frame as racing
