@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children
@@ -183,6 +183,7 @@ class WorkerPool:
             now, _ = watch.worlds(self._watched).get(pid, (None, 0.0))
             if seconds > timeout and now == world and pid in processes:
                 overdue.add(world)
+                _kill_group(pid)
                 processes[pid].kill()
         return overdue
 
@@ -214,6 +215,15 @@ class WorkerPool:
         self._lifeline.close()
         for process in self._processes:
             process.join(_DYING_S)
+            if process.exitcode:  # what it had started may be alive
+                _kill_group(process.pid)
+
+
+def _kill_group(pid: int | None) -> None:
+    """Kill a worker, if it is alive, and the engines that its environments started."""
+    if pid is not None and hasattr(os, "killpg"):
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
 
 
 def _ending(exitcode: int) -> str:
@@ -252,6 +262,8 @@ def _initialise(
     if task is not None and task.payload is not None:
         _payloads[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setpgid"):
+        os.setpgid(0, 0)  # the engines that it starts end with it, see `_kill_group`
     warnings.showwarning = partial(_send_warning, queue)  # the parent shows it once
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
 
@@ -272,4 +284,6 @@ def _send_warning(
 
 def _exit_with_parent(lifeline: Connection) -> None:
     lifeline.poll(None)  # nothing is ever sent: this returns when the other end is closed
+    if hasattr(os, "killpg"):
+        os.killpg(0, signal.SIGKILL)
     os._exit(1)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
@@ -12,6 +16,7 @@ from sada_gym import attack
 from sada_gym.cli import app
 from sada_gym.envs.wrapped import Attribute, Function, inspection
 from sada_gym.errors import Notice, UserError
+from sada_gym.evaluation.oracle import Oracle
 from sada_gym.foundations.files import read_toml
 from sada_gym.testing.check import check_application
 from tests.support.one_engine import OneEngine, one_engine
@@ -159,3 +164,48 @@ def test_workers_have_one_engine_each_and_a_resumed_run_the_same_bits(tmp_path):
 def test_num_envs_that_is_no_count_gets_a_sentence(bad):
     with pytest.raises(UserError, match=r"num_envs"):
         one_engine(num_envs=bad)
+
+
+class External(OneEngine):
+    """Its engine is another process, as of CARLA; in heavy worlds it hangs."""
+
+    def __init__(self, engines):
+        super().__init__(second="allowed")
+        self.process = subprocess.Popen(["sleep", "600"])
+        (Path(engines) / str(self.process.pid)).touch()
+
+    def step(self, action):
+        if self.mass > 3.5:
+            time.sleep(600)
+        return super().step(action)
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        super().close()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
+def test_the_engine_of_a_killed_worker_is_not_left_running(tmp_path, monkeypatch):
+    monkeypatch.setattr(toys, "OneEngine", External)
+    application = one_engine(
+        parameters={"mass": (1.0, 4.0)},
+        env_kwargs={"engines": str(tmp_path)},
+        num_envs=1,
+        timeout=2.0,
+    )
+    with Oracle(application, budget=6, workers=2) as oracle:
+        oracle(np.linspace(-1, 1, 6, dtype=np.float32)[:, None])
+        assert oracle.invalid == {5: "it took longer than 2 s"}
+    engines = [int(path.name) for path in tmp_path.iterdir()]
+    assert len(engines) > 6
+    assert not any(map(is_alive, engines))
+
+
+def is_alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
