@@ -96,7 +96,7 @@ def test_a_circle_of_imports_has_an_end(package):
 
 
 def test_the_cameras_kernels_know_their_parts():
-    parts = {"casting", "rain", "scenery", "sky", "surface", "uprights"}
+    parts = {"casting", "colours", "scenery"}
     sources = names(compiled.imported_sources(DRAWING))
     assert {f"envs/driving/camera/{part}.py" for part in parts} | {
         "foundations/compiled.py",
