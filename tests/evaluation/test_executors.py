@@ -172,7 +172,7 @@ class Deadly:
 
 @pytest.mark.long
 def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known():
-    settings = {"dimension": 3, "threshold": 0.3, "workers": 2, "chunk_size": 10}
+    settings = {"dimension": 3, "threshold": 0.3, "workers": Workers(2, chunk_size=10)}
     done = []
     with pytest.raises(WorkerError, match="A worker process died"):
         scores(Deadly(), progress=lambda d, t, k: done.append(d), **settings)
