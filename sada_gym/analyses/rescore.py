@@ -217,7 +217,7 @@ def confirm(
             "renderer=blender."
         )
 
-    def check(task: _Task) -> None:
+    def check(task: _Samples) -> None:
         if task.there.target.application == attacked.target.application:
             raise UserError(
                 f"Expected keywords that change the world, got {keywords}, with which it is the "
@@ -258,7 +258,7 @@ def _scored(
     workers: int | Workers,
     application: Application | str | None,
     on_scores: OnScores,
-    check: Callable[[_Task], object] = lambda _: None,
+    check: Callable[[_Samples], object] = lambda _: None,
 ) -> list[Rescored]:
     """Score each run's samples in each target; what is opened for one serves all runs."""
     keywords = {} if env_kwargs is None else dict(env_kwargs)
@@ -273,7 +273,7 @@ def _scored(
         check_spelling(named, None, {**keywords, **({} if agent is None else {"agent": agent})})
     with ExitStack() as stack:
         opened: dict[object, OpenTarget] = {}
-        tasks: list[_Task] = []
+        tasks: list[_Samples] = []
         for run in runs:
             chosen, seeds, space = _chosen(run, samples, seed, application)
             for target in targets or (None,):
@@ -282,7 +282,7 @@ def _scored(
                 if key not in opened:
                     there = _open(run, target, keywords, with_agent, application, workers)
                     opened[key] = stack.enter_context(there)
-                tasks.append(_Task.of(run, chosen, seeds, space, opened[key], keywords))
+                tasks.append(_Samples.of(run, chosen, seeds, space, opened[key], keywords))
                 check(tasks[-1])
         for there in opened.values():
             there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
@@ -307,7 +307,7 @@ def _chosen(
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _Samples:
     """The samples of a run, as mu of the world in which they are to be scored."""
 
     run: Run

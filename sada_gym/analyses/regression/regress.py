@@ -159,7 +159,7 @@ def regress(
 
 
 @dataclass(frozen=True, eq=False)
-class _Scored:
+class _Tested:
     """What an agent got in the suite's worlds: evaluations (n seeds in all), by world."""
 
     opened: OpenTarget
@@ -186,7 +186,7 @@ class _Scored:
 
 def _score(
     suite: Suite, path: Path, there: OpenTarget, store: Path | None, on_scores: OnScores
-) -> _Scored:
+) -> _Tested:
     mu, clipped = map_samples(
         suite.mu, suite.parameters, there.parameters, str(path), str(there.target)
     )
@@ -198,7 +198,7 @@ def _score(
     fooled = scored.fooled(suite.test_item.target.fooling_threshold)
     ends = np.cumsum(counts).tolist()
     rows = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-    return _Scored(
+    return _Tested(
         opened=there,
         rows=rows,
         scored=scored,
