@@ -198,6 +198,11 @@ class Application(ABC):
         return None
 
     @property
+    def costs(self) -> str:
+        """What a slow world's time is spent on, and what would save some, in sentences."""
+        return ""
+
+    @property
     def legend(self) -> Sequence[LegendEntry]:
         """What the lines and marks in frames of `render` mean, for the pictures of an attack."""
         return ()

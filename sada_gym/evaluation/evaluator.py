@@ -150,7 +150,9 @@ class Evaluator:
         if seconds is None or seconds < SLOW_S or not worlds:
             return
         self._most = max(1, min(MAX_CHUNK, round(SLOW_CHUNK_S / seconds)))
-        warnings.warn(cost_text(seconds, worlds, self.workers), SlowWorlds, stacklevel=2)
+        costs = "" if self.application is None else self.application.costs
+        told = f"{cost_text(seconds, worlds, self.workers)} {costs}".rstrip()
+        warnings.warn(told, SlowWorlds, stacklevel=2)
 
     def evaluate(
         self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]

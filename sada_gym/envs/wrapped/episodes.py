@@ -234,10 +234,11 @@ class RunningEpisode:
 
     Its `observation` is what the agent sees; `score` is NaN as long as it goes on. It ends where
     its world breaks; `broken` then says why. `terminated`, `truncated` and `info` are what the
-    environment said at the last step.
+    environment said at the last step, and `spent` are the seconds of its parts.
     """
 
     def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
+        self.spent = {"constructor": 0.0, "reset": 0.0, "steps": 0.0}
         self._spec, self.start = spec, start
         self.ended, self.clipped, self.score, self.broken = False, False, np.nan, ""
         self.terminated, self.truncated = False, False
@@ -257,9 +258,12 @@ class RunningEpisode:
             raise
 
     def _begin(self, render_mode: str | None) -> None:
+        began = time.perf_counter()
         self.env, self._recorder = make_world(self._spec, self.start, render_mode)
         self.rewards = self._recorder.rewards
+        made = time.perf_counter()
         self.observation, _ = self.env.reset(**reset_arguments(self._spec, self.start))
+        self.spent |= {"constructor": made - began, "reset": time.perf_counter() - made}
 
     def step(self, action: Any) -> None:
         """Let one action of the agent act."""
@@ -270,7 +274,9 @@ class RunningEpisode:
 
     def _step(self, action: Any) -> None:
         assert self.env is not None
+        began = time.perf_counter()
         self.observation, _, terminated, truncated, info = self.env.step(action)
+        self.spent["steps"] += time.perf_counter() - began
         if terminated or truncated:
             self.ended, self.info = True, info
             self.terminated, self.truncated = bool(terminated), bool(truncated)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -17,6 +19,7 @@ from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng
 from sada_gym.envs.episodes.base import play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.wrapped.behaviour import behaviour
+from sada_gym.envs.wrapped.bindings import Keyword
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (
     EpisodeSpec,
@@ -36,6 +39,7 @@ from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import Behaviour
 from sada_gym.foundations.determinism import check_deterministic, same_answer, single_threaded
+from sada_gym.foundations.figures import percent
 from sada_gym.foundations.seeds import validate_seeds
 from sada_gym.parameters import Mu
 
@@ -45,6 +49,8 @@ _TRIED = 3
 """Worlds that are played together and alone before the first score counts."""
 _MOST_AT_ONCE = 256
 """Worlds played at once, where their memory allows."""
+_MUCH = 0.3
+"""A part of a world's time that is worth saving."""
 
 
 class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
@@ -163,6 +169,44 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
                 answers = ([{"score": float(scores[i])}], [{"score": again}])
                 check_deterministic(self._privileged.name, *answers, checked[i : i + 1])
         return scores
+
+    @property
+    def seconds_per_world(self) -> float | None:
+        """The seconds of one world, measured once; None where it breaks, or may take for ever."""
+        return self._measured[0]
+
+    @property
+    def costs(self) -> str:
+        """What that world's time was spent on, and what would save some."""
+        return self._measured[1]
+
+    @cached_property
+    def _measured(self) -> tuple[float | None, str]:
+        mu = np.zeros((1, len(self.parameters)), np.float32)
+        if self.nominal is not None:
+            mu[0] = self.nominal
+        if self._timeout is not None or not self.permits(mu)[0]:
+            return None, ""
+        began = time.perf_counter()
+        [(_, episodes)] = self._played(mu, [0], self.policy)
+        total = time.perf_counter() - began
+        if any(episode.broken for episode in episodes):
+            return None, ""
+        spent = {part: sum(e.spent[part] for e in episodes) for part in episodes[0].spent}
+        kept = self.episode_spec.kept is not None
+        if kept:  # made once for many worlds
+            total -= spent.pop("constructor")
+        spent["agent"] = max(total - sum(spent.values()), 0.0)
+        shares = {part: seconds / total for part, seconds in spent.items()}
+        told = [f"{part} {percent(share)}" for part, share in shares.items()]
+        steps = sum(len(episode.rewards) for episode in episodes)
+        text = f"Of its time: {', '.join(told)}; {steps:,} steps."
+        by_keyword = any(isinstance(b, Keyword) for b in self.episode_spec.bindings.values())
+        if not kept and not by_keyword and shares["constructor"] > _MUCH:
+            text += " reuse=True would save the constructor, if reset undoes all that episodes do."
+        if shares["steps"] > _MUCH and any(episode.truncated for episode in episodes):
+            text += " A smaller max_steps= would shorten episodes."
+        return total, f"{text} More workers share the worlds (--workers, workers=)."
 
     def _played(
         self, mu: Mu, seeds: Sequence[int], policy: Agent[GymnasiumEpisodes, npt.NDArray[Any]]
