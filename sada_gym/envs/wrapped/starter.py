@@ -22,6 +22,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
+from sada_gym.agents.built_in import BUILT_IN
 from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.application import GymnasiumApplication
@@ -141,7 +142,9 @@ def starter_file(
             num_envs=num_envs,
         )
         agents = _play(make, _DELAY, -1.0, agent=opened, count=EPISODES)
-        chance = _play(make, _DELAY, -1.0, agent=_RandomActions(), count=EPISODES)
+        chance: Sequence[Episode] = ()  # what acts inside the environment hears no actions
+        if agent != BUILT_IN:
+            chance = _play(make, _DELAY, -1.0, agent=_RandomActions(), count=EPISODES)
         known = [c for candidate in proposed if (c := _accepted(make, candidate)) is not None]
         chosen, others = _chosen(make, opened, known)
     score, threshold, about_score = _score(agents, chance)
@@ -163,7 +166,7 @@ def _agent(agent: str, folder: Path) -> tuple[Any, list[str]]:
         if not opened.is_file():
             raise FileError(f"Expected the file of an agent, got {agent}: no such file.")
         return opened, [_line("agent", Path(os.path.relpath(opened, folder)).as_posix())]
-    if place_of(agent, folder) is not None:
+    if agent == BUILT_IN or place_of(agent, folder) is not None:
         return opened, [_line("agent", agent)]
     changed = "  # change it whenever the agent changes"
     return opened, [_line("agent", agent), _line("agent_id", agent) + changed]
@@ -406,17 +409,21 @@ def _rounded(value: float, digits: int, towards: Callable[[float], float] = roun
 def _score(
     agents: Sequence[Episode], chance: Sequence[Episode]
 ) -> tuple[str | list[Any], float | None, list[str]]:
-    """Choose a score and a threshold, None where the agent is no good, and say why."""
+    """Choose a score and a threshold, None where the agent is no good, and say why.
+
+    Without episodes of random actions, the threshold lies halfway to the lowest score.
+    """
     succeed = all({*SUCCESS_KEYS} & {*episode.infos[-1]} for episode in (*agents, *chance))
     worth = (lambda episode: Success()(episode)[0]) if succeed else (lambda one: one.total)
     ours, random = (np.array([worth(one) for one in some], float) for some in (agents, chance))
-    good, bad = (float((np.mean if succeed else np.median)(some)) for some in (ours, random))
+    middle = np.mean if succeed else np.median
+    good, bad = float(middle(ours)), float(middle(random)) if chance else 0.0
     score: str | list[Any] = "success"
     threshold = limit = 0.5
     if succeed:
         notes = [
-            f'Score: "success". The agent succeeds in {good:.0%} of {EPISODES} nominal episodes, '
-            f"random actions in {bad:.0%}."
+            f'Score: "success". The agent succeeds in {good:.0%} of {EPISODES} nominal episodes'
+            + (f", random actions in {bad:.0%}." if chance else ".")
         ]
     else:
         worst, best = float(min(*ours, *random)), float(max(*ours, *random))
@@ -427,14 +434,19 @@ def _score(
         same = len(set(rewards.tolist())) == 1 and best > low
         high = best if same else _rounded(best + margin, 2, math.ceil)
         score = ["return", low, high]
+        bad = bad if chance else low
         threshold = round(((good + bad) / 2 - low) / (high - low), 2)
         limit = low + threshold * (high - low)
         notes = [
             f"Score: the return, from {low:g} to {high:g}. In {EPISODES} nominal episodes the "
-            f"agent gets {ours.min():.4g} to {ours.max():.4g}, random actions "
-            f"{random.min():.4g} to {random.max():.4g}.",
+            f"agent gets {ours.min():.4g} to {ours.max():.4g}"
+            + (
+                f", random actions {random.min():.4g} to {random.max():.4g}."
+                if len(random)
+                else "."
+            ),
             f"Threshold {threshold:g}: a return of at most {limit:.4g} counts as a failure, "
-            "halfway between the agent and random actions.",
+            f"halfway between the agent and {'random actions' if chance else 'the lowest score'}.",
         ]
     if good <= bad:
         return score, None, [notes[0], _NO_BETTER]

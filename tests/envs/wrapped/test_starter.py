@@ -139,6 +139,17 @@ def test_an_agent_that_is_no_better_than_chance_gets_no_threshold(tmp_path, agen
     assert "fooling_threshold" not in read_toml(file)
 
 
+def test_a_controller_inside_is_not_compared_with_random_actions():
+    made = starter_file("CartPole-v1", "built-in", max_steps=12)
+    assert made.ready
+    assert "random actions" not in " ".join(made.notes)
+    lines = made.text.splitlines()
+    assert 'agent = "built-in"' in lines
+    assert not any(line.startswith("agent_id") for line in lines)
+    assert 'score = ["return", 0.0, 10.0]' in lines
+    assert any(line.startswith("fooling_threshold = 0.4") for line in lines)
+
+
 def test_rewards_that_are_all_zero_give_a_range_and_no_threshold():
     zeros = Episode(np.zeros(3), (), (), ({},), terminated=False, truncated=True)
     (_, low, high), threshold, notes = starter._score([zeros], [zeros])
