@@ -232,6 +232,7 @@ def test_where_no_way_from_hit_to_hit_is_permitted_the_attack_goes_on():
     assert oracle.permits(adversary.sample(50)).all()
 
 
+@pytest.mark.long
 def test_samples_do_not_crowd_beside_the_few_hits_that_checks_leave_where_all_is_luck():
     luck = np.random.default_rng(0)
     adversary, _ = trained(

@@ -606,9 +606,10 @@ def test_a_benchmarks_report_is_of_the_suite_that_is_named(given, monkeypatch, t
     monkeypatch.setattr("sada_gym.board.benchmark.run.report_benchmark", report)
     run("benchmark", "--report", "--out", tmp_path, *given)
     (chosen,) = asked
+    named = chosen.get("suite")
     suite = find_suite(given[1]) if given else None
-    assert chosen.get("tracks") == (suite.tracks if suite else None)
-    assert chosen.get("tables") == (suite.tables if suite else None)
+    assert (named and named.tracks) == (suite and suite.tracks)
+    assert (named and named.tables) == (suite and suite.tables)
 
 
 @pytest.mark.parametrize(

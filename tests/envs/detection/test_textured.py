@@ -71,7 +71,7 @@ def listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
         "licence": "MIT",
         "sha256": _pack(tmp_path, FILES),
     }
-    models = textured._List.model_validate
+    models = textured._ModelList.model_validate
     monkeypatch.setattr(textured, "listed_models", lambda: models({"model": [row]}).model)
     monkeypatch.setenv(textured.FOLDER_VARIABLE, str(tmp_path))
     textured._load.cache_clear()

@@ -99,6 +99,7 @@ def test_its_identity_is_the_package_its_version_and_the_keywords(monkeypatch):
     assert pole() != now
 
 
+@pytest.mark.long
 def test_a_file_names_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cruise.toml").write_text(
