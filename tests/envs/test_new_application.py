@@ -52,16 +52,18 @@ print("all of it")
 @pytest.mark.long
 def test_a_folder_and_a_line_make_an_application(tmp_path: Path) -> None:
     package = tmp_path / "sada_gym"
-    (package / "envs").mkdir(parents=True)
-    for source in (*PACKAGE.iterdir(), *(PACKAGE / "envs").iterdir()):
-        copy = package / source.relative_to(PACKAGE)
-        if source.name not in ("__pycache__", "envs", "cards.py"):
-            copy.symlink_to(source)
+    opened = ("envs", "foundations")
+    for folder in (PACKAGE, *(PACKAGE / name for name in opened)):
+        copied = package / folder.relative_to(PACKAGE)
+        copied.mkdir(parents=True)
+        for source in folder.iterdir():
+            if source.name not in ("__pycache__", *opened, "cards.py"):
+                (copied / source.name).symlink_to(source)
     (package / "envs" / TOY.name).symlink_to(TOY)
-    cards, end = (PACKAGE / "cards.py").read_text(encoding="utf-8"), '"carla"),\n'
+    cards, end = (PACKAGE / "foundations" / "cards.py").read_text(encoding="utf-8"), '"carla"),\n'
     assert cards.count(end) == 1
     edited = cards.replace(end, f'"carla", "{TOY.name}"),\n')
-    (package / "cards.py").write_text(edited, encoding="utf-8")
+    (package / "foundations" / "cards.py").write_text(edited, encoding="utf-8")
 
     path = os.pathsep.join((str(tmp_path), str(PACKAGE.parent)))
     done = subprocess.run(

@@ -32,6 +32,7 @@ from sada_gym.envs.carla.application import CarlaDrivingApplication  # noqa: E40
 from sada_gym.envs.carla.connection import Servers  # noqa: E402
 from sada_gym.envs.carla.routes import COMMANDS, find_routes  # noqa: E402
 from sada_gym.errors import ServerLost, UserError  # noqa: E402
+from sada_gym.evaluation.executors import Workers  # noqa: E402
 from sada_gym.evaluation.problems import make_application  # noqa: E402
 
 ID = "SADA-DrivingCarla-v0"
@@ -308,7 +309,7 @@ def test_the_variable_names_the_server(monkeypatch):
     assert pickle.loads(pickle.dumps(make_application(ID))).servers.ports == (3000,)
 
 
-ATTACK = {"budget": 40, "samples": 4, "chunk_size": 4, "progress": False, "pictures": False}
+ATTACK = {"budget": 40, "samples": 4, "progress": False, "pictures": False}
 
 
 def stored(run):
@@ -319,7 +320,7 @@ def stored(run):
 CODE = """
 import json, sys
 from fake_carla import lane_driver
-from sada_gym import attack
+from sada_gym import Workers, attack
 from sada_gym.envs.carla.application import CarlaDrivingApplication
 
 if __name__ == "__main__":
@@ -327,7 +328,8 @@ if __name__ == "__main__":
     application = CarlaDrivingApplication(
         "one_curve", agent=lane_driver, agent_id="lanes", episodes=1, host=host
     )
-    attack(application, "level-set", out=run, **options)
+    workers = Workers(options.pop("workers", 1), chunk_size=4)
+    attack(application, "level-set", out=run, workers=workers, **options)
 """
 """The script of an attack: the run's folder, the servers and the options are its arguments."""
 
@@ -375,7 +377,9 @@ def test_an_attack_that_was_killed_ends_as_an_unbroken_one(start, tmp_path, unbr
     kept = stored(run)
     assert kept > 0
     server = start()
-    result = attack(driven(), "level-set", out=run, resume=True, **ATTACK)
+    result = attack(
+        driven(), "level-set", out=run, resume=True, workers=Workers(chunk_size=4), **ATTACK
+    )
     assert result.folder == run
     assert (run / "result.json").is_file()
     privileged = ATTACK["samples"]
