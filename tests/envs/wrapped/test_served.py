@@ -448,7 +448,7 @@ def check_one_sentence(place):
     assert message.startswith("Expected ")
     assert message.isprintable()
     assert len(message) < 900
-    assert time.monotonic() - began < TIMEOUT_S + 3.0
+    assert time.monotonic() - began < TIMEOUT_S + 15.0
 
 
 @pytest.mark.parametrize("answer", NO_MESSAGES.values(), ids=NO_MESSAGES)
