@@ -73,14 +73,12 @@ __getattr__ = lazy_names(
     __name__,
     {
         "Adversary": "adversaries.base",
-        "FailureCurriculum": "analyses.training",
         "Behaviour": "foundations.behaviour",
+        "FailureCurriculum": "analyses.training",
         "GymnasiumApplication": "envs.wrapped.application",
         "Oracle": "evaluation.oracle",
         "Run": "run",
         "Workers": "evaluation.executors",
-        "rescore": "analyses.rescore",
-        "transfer": "analyses.rescore",
         "attack": "attacks",
         "curriculum_vec_env": "analyses.training",
         "diagnose": "analyses.diagnose",
@@ -89,8 +87,10 @@ __getattr__ = lazy_names(
         "regress": "analyses.regression.regress",
         "replay": "analyses.replay",
         "report": "analyses.report.make",
+        "rescore": "analyses.rescore",
         "serve": "agents.remote.server",
         "serve_environment": "foundations.serve_environment",
+        "transfer": "analyses.rescore",
     },
 )
 

@@ -161,6 +161,19 @@ def test_a_code_block_names_nothing_that_stands_in_another(page: Path) -> None:
         assert _unbound(block) == set(), block
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_imports_what_there_is(page: Path) -> None:
+    """Also in the code blocks that are not run."""
+    text = page.read_text(encoding="utf-8")
+    for script in re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        for node in ast.walk(ast.parse(script)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sada_gym"):
+                found = importlib.import_module(str(node.module))
+                lacking = [one.name for one in node.names if not hasattr(found, one.name)]
+                for name in lacking:  # a module, or an error
+                    importlib.import_module(f"{node.module}.{name}")
+
+
 def _unbound(script: str) -> set[str]:
     """Return the names that a script uses and nowhere binds."""
     nodes = [*ast.walk(ast.parse(script))]

@@ -119,7 +119,7 @@ def rescore(
     """
     scored = _scored(
         [as_run(run)],
-        _listed(() if target is None else target),
+        [] if target is None else _listed([target]),
         agent,
         env_kwargs,
         samples=samples,

@@ -13,7 +13,7 @@ from toy import Toy
 from sada_gym import Parameter, ParameterSpace, attack, make_application
 from sada_gym.analyses.mapping import map_samples
 from sada_gym.analyses.rescore import Comparison, Transfers, confirm, rescore, transfer
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.evaluator import Evaluated, Evaluator
 from sada_gym.foundations.files import read_model, write_model
 from sada_gym.measures.rates import attack_fooling_rate
@@ -84,6 +84,11 @@ def test_rescoring_gives_the_scores_of_each_sample_there(analytic):
     np.testing.assert_array_equal(there.scores.seed, samples.seed)
     tried = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4})
     assert there.comparison == tried.comparisons[0]
+
+
+def test_a_run_is_rescored_in_one_world_alone(analytic):
+    with pytest.raises(UserTypeError, match="Expected an id or an Application"):
+        rescore(analytic, [ANALYTIC, ANALYTIC])
 
 
 def test_fresh_seeds_need_no_other_world(tmp_path):

@@ -34,7 +34,7 @@ from sada_gym.envs.wrapped.feasible import Feasible
 from sada_gym.envs.wrapped.loading import Privileged
 from sada_gym.envs.wrapped.repeats import Trace, check_repeats, check_resets, trace
 from sada_gym.envs.wrapped.scores import Length
-from sada_gym.errors import plain
+from sada_gym.errors import InvalidWorld, plain
 from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import Behaviour
@@ -188,7 +188,10 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         if self._timeout is not None or not self.permits(mu)[0]:
             return None, ""
         began = time.perf_counter()
-        [(_, episodes)] = self._played(mu, [0], self.policy)
+        try:
+            [(_, episodes)] = self._played(mu, [0], self.policy)
+        except InvalidWorld:  # on_error="raise" is for the worlds of queries
+            return None, ""
         total = time.perf_counter() - began
         if any(episode.broken for episode in episodes):
             return None, ""

@@ -77,6 +77,7 @@ def test_an_attack_says_so_before_it_starts(tmp_path, monkeypatch):
 def test_a_world_that_breaks_or_may_hang_is_not_measured():
     application = slow(timeout=5.0)
     assert application.seconds_per_world is None
-    broken = slow(env_kwargs={"step_s": -1.0})  # time.sleep raises
-    assert broken.seconds_per_world is None
-    assert broken.costs == ""
+    for on_error in ("invalid", "raise"):
+        broken = slow(env_kwargs={"step_s": -1.0}, on_error=on_error)  # time.sleep raises
+        assert broken.seconds_per_world is None
+        assert broken.costs == ""
