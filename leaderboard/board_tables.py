@@ -280,7 +280,7 @@ def strongest_sheet(groups: Iterable[tuple[ApplicationCard, Sequence[Entry], Res
     """
     lines = []
     for card, entries, verified in groups:
-        nominal = {agent.name: agent.nominal for agent in card.agents or card.fetched} or {"": ""}
+        nominal = {agent.name: agent.nominal for agent in card.offered} or {"": ""}
         for agent, track in itertools.product(nominal, card.board_tracks):
             cells = {
                 "agent": text_cell(agent or "-"),

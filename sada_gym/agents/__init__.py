@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
+from sada_gym.agents.packaged import package_files
 from sada_gym.errors import FileError, UserError
 from sada_gym.foundations.cards import AgentCard, cards, fetchable, find_card
 from sada_gym.foundations.lazy import load as load_object
@@ -31,12 +32,9 @@ __all__ = [
 
 
 def names(application: str | None = None) -> tuple[str, ...]:
-    """List the names of the shipped agents, of one application or of all.
-
-    An application that ships none is attacked with the agents that are fetched for it.
-    """
+    """List the names of the agents that tables compare, of one application or of all."""
     chosen = [card for card in cards() if application in (None, card.name)]
-    return tuple(agent.name for card in chosen for agent in card.agents or card.fetched)
+    return tuple(agent.name for card in chosen for agent in card.offered)
 
 
 def card(name: str, application: str | None = None) -> AgentCard:
@@ -49,7 +47,7 @@ def card(name: str, application: str | None = None) -> AgentCard:
 
 
 def load(agent: str | Path, application: str) -> Any:
-    """Load a shipped or a fetched agent by name, or a safetensors file with an agent's weights.
+    """Load a shipped agent, a fetched one or a package's by name, or a safetensors file of weights.
 
     Args:
         agent: A name, or a file, whose name ends in `.safetensors`, or `SOURCE:NAME` for an
@@ -58,8 +56,8 @@ def load(agent: str | Path, application: str) -> Any:
 
     Raises:
         UserError: If the application ships no agents, or there is no such agent or file, or the
-            file is a zip, which would be unpickled, holds something else, or is shipped and its
-            SHA-256 is off.
+            file is a zip, which would be unpickled, holds something else, or its SHA-256 is off
+            where that is known.
     """
     loader, source = _located(agent, application)
     return load_object(loader)(source)
@@ -86,6 +84,9 @@ def _located(agent: str | Path, application: str) -> tuple[str, Any]:
     if agent in others:
         fetched = load_object("sada_gym.foundations.fetch:fetched")  # which needs pydantic
         return others[str(agent)].loader, fetched(others[str(agent)])
+    packaged = {row.name: row for row in card.packaged}
+    if agent in packaged:
+        return packaged[str(agent)].loader, package_files(packaged[str(agent)])
     if agent in shipped:
         verify(shipped[str(agent)])
         return shipped[str(agent)].loader or card.agent_loader, shipped[str(agent)].path

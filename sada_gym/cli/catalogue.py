@@ -90,21 +90,31 @@ def _show_environment(env_id: str, pairs: list[str] | None, as_json: bool) -> No
 
 
 def agents(as_json: bool = json_option()) -> None:
-    """List the trained agents that are shipped or can be fetched."""
-    from sada_gym.foundations.cards import cards
+    """List the trained agents: shipped, in packages of others, or to be fetched."""
+    from sada_gym.foundations.cards import PackagedAgent, cards
 
     if as_json:
         print_json(
             [
-                {"name": agent.name, "for": card.name, "summary": agent.summary, "fetch": fetch}
+                {
+                    "name": agent.name,
+                    "for": card.name,
+                    "summary": agent.summary,
+                    "fetch": agent in card.fetched,
+                    "package": f"{agent.package} {agent.version}"
+                    if isinstance(agent, PackagedAgent)
+                    else None,
+                }
                 for card in cards()
-                for kind, fetch in ((card.agents, False), (card.fetched, True))
-                for agent in kind
+                for agent in card.all_agents
             ]
         )
         return
     table = _table("agent", "for", "what it is")
     for card in cards():
+        for packaged in card.packaged:
+            source = f"{packaged.package} {packaged.version}"
+            table.add_row(packaged.name, card.name, f"{packaged.summary} ({source})")
         for agent in card.agents:
             table.add_row(agent.name, card.name, agent.summary)
         for other in card.fetched:

@@ -80,6 +80,29 @@ class FetchedAgent:
 
 
 @dataclass(frozen=True)
+class PackagedAgent:
+    """An agent that nobody here trained, inside a package that the extra `zoo` installs.
+
+    Attributes:
+        name: What `agent=` takes.
+        members: The SHA-256 of the package's files on which it depends, by path as pip lists them.
+        loader: `module:function` that turns these files, a dictionary of paths by member, into the
+            agent.
+        nominal: How well it does in nominal worlds.
+        licence: As found beside its files.
+    """
+
+    name: str
+    package: str
+    version: str
+    members: Mapping[str, str]
+    loader: str
+    summary: str
+    nominal: str
+    licence: str
+
+
+@dataclass(frozen=True)
 class SuiteCard:
     """The suite of an application's tracks in `sada-gym benchmark`.
 
@@ -89,6 +112,7 @@ class SuiteCard:
         seeds_of: Other numbers of seeds than `seeds` for some tracks, by suffix.
         images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
         overview: Whether pages that compare all applications show it.
+        adversaries: The rows of its tables, by label; empty for all of ours.
     """
 
     name: str
@@ -97,6 +121,7 @@ class SuiteCard:
     seeds_of: Mapping[str, int] = field(default_factory=dict)
     images: int = 4
     overview: bool = True
+    adversaries: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,6 +141,7 @@ class ApplicationCard:
         same_as: The suffix of the track that the general id is by default; None where it is none.
         agents: The agents that are shipped for it, the default first.
         fetched: The agents that `sada-gym fetch` gets for it.
+        packaged: The agents inside installed packages; the first is the default.
         agent_sources: `module:function` that loads what `agent="SOURCE:NAME"` names, by source.
         agent_kind: What its agents are called in messages, such as `detector`.
         agent_loader: `module:function` that turns a file of weights into an agent.
@@ -137,6 +163,7 @@ class ApplicationCard:
     same_as: str | None = None
     agents: tuple[AgentCard, ...] = ()
     fetched: tuple[FetchedAgent, ...] = ()
+    packaged: tuple[PackagedAgent, ...] = ()
     agent_sources: Mapping[str, str] = field(default_factory=dict)
     agent_kind: str = "agent"
     agent_loader: str = ""
@@ -151,6 +178,19 @@ class ApplicationCard:
     def missing(self) -> str:
         """What has to be installed before its ids work, as a sentence; empty where all is there."""
         return str(load(self.requirements)()) if self.requirements else ""
+
+    @property
+    def all_agents(self) -> tuple[AgentCard | FetchedAgent | PackagedAgent, ...]:
+        """All agents that have a name."""
+        return (*self.packaged, *self.agents, *self.fetched)
+
+    @property
+    def offered(self) -> tuple[AgentCard | FetchedAgent | PackagedAgent, ...]:
+        """The agents that its tables compare, the default first.
+
+        Fetched ones are among them where there are no others.
+        """
+        return (*self.packaged, *self.agents) or self.fetched
 
     @property
     def id(self) -> str:

@@ -197,6 +197,7 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> BenchmarkSuite:
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
         images=suite.images,
+        adversaries={label: ADVERSARIES[label] for label in suite.adversaries or ADVERSARIES},
     )
 
 
