@@ -50,3 +50,13 @@ def test_missing_packages_are_told_in_one_sentence():
     told = missing_packages({"numpy": "", "no-such-1": "2.0", "no-such-2": ""}, "on Linux")
     assert told.startswith("Expected the packages no-such-1 2.0 and no-such-2, got none and none. ")
     assert told.endswith("'.[zoo]' (on Linux)")
+
+
+def test_an_application_without_files_of_weights_takes_names_and_agents(agent, monkeypatch):
+    own = replace(find_card("SADA-Digits"), packaged=(agent,), agents=(), agent_loader="")
+    monkeypatch.setattr(agents, "cards", lambda: (own,))
+    monkeypatch.setattr(agents, "find_card", lambda name: own)
+    assert agents.load("numbers", "SADA-Digits")[0] == "loaded"
+    for wrong in ("nubers", "weights.safetensors", __file__):
+        with pytest.raises(ValueError, match="name among numbers, or the classifier itself, got"):
+            agents.load(wrong, "SADA-Digits")
