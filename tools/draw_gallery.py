@@ -18,8 +18,10 @@ from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.base import RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
+from sada_gym.envs.quadrotor import frame as quadrotor_frame
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.frame import snapshot
+from tools import draw_quadrotor
 from tools.draw_digits import gradient_sign
 from tools.draw_robot import SEED as ROBOT_SEED
 from tools.draw_robot import TURNED, mu_of
@@ -99,6 +101,14 @@ def robot() -> Image.Image:
     return card(snapshot(rollout, len(rollout["poses"]) - 1))
 
 
+def quadrotor() -> Image.Image:
+    """The end of a flight that shakes."""
+    application = make_application(draw_quadrotor.TRACK)
+    mu = draw_quadrotor.mu_of(**draw_quadrotor.SHAKING)
+    (rollout,) = application.rollouts(mu, draw_quadrotor.SEED)
+    return card(quadrotor_frame.snapshot(rollout, rollout.last).crop((80, 10, 640, 360)))
+
+
 def digits() -> Image.Image:
     """The first fifteen uniform worlds that fool."""
     cell, columns, rows = 92, 5, 3
@@ -147,7 +157,7 @@ def uav() -> Image.Image:
 
 def main() -> None:
     """Draw those that are named, or all."""
-    drawings = (detection, detection_coco, driving, uav, robot, digits, pixel, analytic)
+    drawings = (detection, detection_coco, driving, uav, robot, quadrotor, digits, pixel, analytic)
     for draw in drawings:
         if draw.__name__ in (sys.argv[1:] or [one.__name__ for one in drawings]):
             name = draw.__name__.replace("_", "-")

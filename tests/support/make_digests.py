@@ -29,6 +29,8 @@ BY_TRACK = {
     "SADA-Detection-Car-v0": "bbgan",
     "SADA-UAV-3Anchors-v0": "level-set",
     "SADA-Robot-Warehouse-v0": "gp",
+    "SADA-Quadrotor-Crazyflie-v0": "gmm50",
+    "SADA-Quadrotor-X500-v0": "level-set",
 }
 
 

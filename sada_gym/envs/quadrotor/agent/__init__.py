@@ -1,0 +1,1 @@
+"""RAPTOR, the quadrotor's agent."""

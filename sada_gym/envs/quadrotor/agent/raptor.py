@@ -1,0 +1,122 @@
+"""RAPTOR: a dense layer, a GRU and a dense layer, out of the package `foundation-policy`.
+
+The network is computed here, in a kernel and one flight after the other, so that an action depends
+neither on the batch nor on BLAS nor on a processor's exponential function. A test compares it with
+the package's own `evaluate_step`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
+from sada_gym.foundations.arrays import Floats, Floats32, Indices
+from sada_gym.foundations.compiled import kernel
+
+_LAYERS = ("0/weights", "1/weights_input", "1/weights_hidden", "2/weights")
+_UNITS = 16
+_MOST = 600.0
+"""The greatest exponent, far beyond all that occur."""
+_POWERS = np.array([2.0**power for power in range(-900, 901)])
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+"""The logarithm of 2 in two parts; the first has few digits, so that its multiples are exact."""
+_TERMS = np.array([1.0 / math.factorial(n) for n in range(13, -1, -1)])
+
+
+class Raptor:
+    """The recurrent policy; it keeps the state of each flight.
+
+    Args:
+        arrays: The weights by their path in the checkpoint's group `actor/layers`.
+    """
+
+    def __init__(self, arrays: Mapping[str, Floats32]) -> None:
+        parts = [name.encode() + arrays[name].tobytes() for name in sorted(arrays)]
+        self.fingerprint = hashlib.sha256(b"".join(parts)).hexdigest()
+        self._initial = arrays["1/initial_hidden_state"].astype(np.float64)
+        # transposed, so that a kernel adds a multiple of a row at a time
+        self._weights = tuple(np.ascontiguousarray(arrays[name].T, float) for name in _LAYERS)
+        self._biases = tuple(
+            arrays[name.replace("weights", "biases")].ravel().astype(float) for name in _LAYERS
+        )
+        self.start(0)
+
+    def start(self, count: int) -> None:
+        """Begin `count` new flights."""
+        self._states = np.tile(self._initial, (count, 1))
+
+    def act(self, episodes: QuadrotorEpisodes, which: Indices) -> Floats:
+        """Return the actions (n, 4) in some of the flights."""
+        actions = np.empty((len(which), 4))
+        observed = episodes.observe(which)["state"]
+        _act(which, observed, self._states, self._weights, self._biases, actions)
+        return actions
+
+
+def load(files: Mapping[str, Path]) -> Raptor:
+    """Read RAPTOR from the installed package's only file."""
+    import h5py  # only this needs it
+
+    names = {name.replace("weights", "biases") for name in _LAYERS}
+    (path,) = files.values()
+    with h5py.File(path, "r") as file:
+        layers = file["actor/layers"]
+        return Raptor(
+            {
+                name: layers[f"{name}/parameters"][()]
+                for name in (*_LAYERS, *names, "1/initial_hidden_state")
+            }
+        )
+
+
+@kernel
+def exponential(x: float) -> float:
+    """Return e to the x by sums and products alone, so that the bits are the same everywhere.
+
+    It is off by one in the last place at most; exponents beyond 600 are cut off.
+    """
+    x = min(max(x, -_MOST), _MOST)
+    power = math.floor(x * 1.4426950408889634 + 0.5)
+    rest = (x - power * _LN2_HIGH) - power * _LN2_LOW
+    value = 0.0
+    for k in range(14):
+        value = value * rest + _TERMS[k]
+    return float(value * _POWERS[int(power) + 900])
+
+
+@kernel
+def _dense(weights: Floats, biases: Floats, inputs: Floats) -> Floats:
+    outputs = biases.copy()
+    for k in range(len(inputs)):
+        for unit in range(len(outputs)):
+            outputs[unit] += weights[k, unit] * inputs[k]
+    return outputs
+
+
+@kernel
+def _act(
+    which: Indices,
+    observed: Floats32,
+    states: Floats,
+    weights: tuple[Floats, ...],
+    biases: tuple[Floats, ...],
+    actions: Floats,
+) -> None:
+    """Choose the actions (k, 4) in some flights, and change their `states` (n, 16) in place."""
+    for row, i in enumerate(which):
+        state = states[i]
+        first = np.maximum(_dense(weights[0], biases[0], observed[row].astype(np.float64)), 0.0)
+        inner = _dense(weights[1], biases[1], first)
+        hidden = _dense(weights[2], biases[2], state)
+        for unit in range(_UNITS):
+            kept, new = _UNITS + unit, 2 * _UNITS + unit
+            reset = 1.0 / (1.0 + exponential(-inner[unit] - hidden[unit]))
+            update = 1.0 / (1.0 + exponential(-inner[kept] - hidden[kept]))
+            doubled = exponential(2.0 * (reset * hidden[new] + inner[new]))
+            state[unit] = update * state[unit] + (1.0 - update) * (1.0 - 2.0 / (doubled + 1.0))
+        actions[row] = _dense(weights[3], biases[3], state)
