@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sada_gym.analyses.rescore import rescore, transfer
     from sada_gym.analyses.training import FailureCurriculum, curriculum_vec_env
     from sada_gym.attacks import attack
+    from sada_gym.envs.images.application import ImageApplication
     from sada_gym.envs.wrapped.application import GymnasiumApplication
     from sada_gym.evaluation.executors import Workers
     from sada_gym.evaluation.oracle import Oracle
@@ -43,6 +44,7 @@ __all__ = [
     "FailureCurriculum",
     "Frame",
     "GymnasiumApplication",
+    "ImageApplication",
     "Oracle",
     "Outcomes",
     "Parameter",
@@ -76,6 +78,7 @@ __getattr__ = lazy_names(
         "Behaviour": "foundations.behaviour",
         "FailureCurriculum": "analyses.training",
         "GymnasiumApplication": "envs.wrapped.application",
+        "ImageApplication": "envs.images.application",
         "Oracle": "evaluation.oracle",
         "Run": "run",
         "Workers": "evaluation.executors",

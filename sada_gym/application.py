@@ -108,6 +108,8 @@ class Application(ABC):
             computed, and no test sample is drawn there.
         repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
             simulator that cannot promise it says so; agents are then not asked twice.
+        combines: Whether its parameters are conditions that may do harm together alone: attacks
+            then tell how much of each does none, and how many failures need no more.
         render_fps: Frames of `replay` in a second of its episode.
         frames_tell_values: Whether frames of `render` say the world's physical values; the sheet of
             failures then does not repeat them.
@@ -116,6 +118,7 @@ class Application(ABC):
     name: ClassVar[str]
     version: ClassVar[int] = 0
     repeatable: ClassVar[bool] = True
+    combines: ClassVar[bool] = False
     render_fps: ClassVar[float] = 4
     frames_tell_values: ClassVar[bool] = False
     fooling_threshold: float

@@ -94,7 +94,8 @@ class Parameter:
     def label(self) -> str:
         """The name as people say it: without its unit and underscores."""
         suffix = f"_{self.unit.replace('/', '_')}" if self.unit else ""
-        return self.name.removesuffix(suffix).replace("_", " ")
+        has_unit = bool(suffix) and self.name.lower().endswith(suffix.lower())
+        return self.name[: -len(suffix) if has_unit else None].replace("_", " ")
 
     def shares(self, values: npt.ArrayLike) -> Floats:
         """Return where in the range physical values lie: 0 at low, 1 at high, the same shape.

@@ -6,7 +6,7 @@ import hashlib
 import io
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,25 +154,8 @@ class OnnxNetwork(ExportedNetwork):
     beside = ".data"
 
     def _open(self) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise MissingExtra(
-                f"Expected onnxruntime to be installed for the agent in {self.path}. "
-                f"{install_line('onnx')}"
-            ) from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        mend = "Name a file that torch.onnx.export or the like wrote, and what lay beside it."
         model, *weights = self._contents
-        with explained(f"Expected an ONNX model in {self.path}", mend, FileError):
-            if weights:
-                names, sizes = [f"{self.path.name}.data"], [len(weights[0])]
-                options.add_external_initializers_from_files_in_memory(names, weights, sizes)
-            self._session = onnxruntime.InferenceSession(
-                model, options, providers=["CPUExecutionProvider"]
-            )
+        self._session = onnx_session(model, self.path, weights)
         self._inputs = {entry.name: entry for entry in self._session.get_inputs()}
         self._keys = input_names(self.observation_space, [*self._inputs], self.path)
         parts = keyed(self.observation_space)
@@ -205,11 +188,7 @@ class TorchScriptNetwork(ExportedNetwork):
     """
 
     def _open(self) -> None:
-        mend = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
-        with explained(f"Expected a TorchScript module in {self.path}", mend, FileError):
-            load: Any = torch.jit.load
-            self._module = load(io.BytesIO(self._contents[0]), map_location="cpu")
-        self._module.eval()
+        self._module = torchscript_module(self._contents[0], self.path)
         names = [argument.name for argument in self._module.forward.schema.arguments][1:]
         self._keys = input_names(self.observation_space, names, self.path)
         weights = [*self._module.parameters()]
@@ -227,6 +206,40 @@ class TorchScriptNetwork(ExportedNetwork):
         """Return floats of the weights' precision, and whole numbers as they are."""
         tensor = torch.from_numpy(np.ascontiguousarray(value))
         return tensor.to(self._dtype) if tensor.is_floating_point() else tensor
+
+
+def onnx_session(model: bytes, path: Path, weights: Sequence[bytes] = ()) -> Any:
+    """Open an ONNX file's content with onnxruntime, on the CPU and in one thread.
+
+    `weights` may hold the content of the file FILE.data beside it.
+
+    Raises:
+        MissingExtra: If onnxruntime is not installed.
+        FileError: If it is no ONNX model.
+    """
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingExtra(
+            f"Expected onnxruntime to be installed for the agent in {path}. {install_line('onnx')}"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    mend = "Name a file that torch.onnx.export or the like wrote, and what lay beside it."
+    with explained(f"Expected an ONNX model in {path}", mend, FileError):
+        if weights:
+            names, sizes = [f"{path.name}.data"], [len(weights[0])]
+            options.add_external_initializers_from_files_in_memory(names, [*weights], sizes)
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+def torchscript_module(content: bytes, path: Path) -> Any:
+    """Open a TorchScript file's content; raise `FileError` if it is none."""
+    mend = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
+    with explained(f"Expected a TorchScript module in {path}", mend, FileError):
+        load: Any = torch.jit.load
+        return load(io.BytesIO(content), map_location="cpu").eval()
 
 
 def takes_channels_first(

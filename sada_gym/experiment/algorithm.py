@@ -29,7 +29,13 @@ from sada_gym.experiment.measure import (
     measure,
     summarise_distances,
 )
-from sada_gym.experiment.nominal import NominalWorld, explore_nominal, most_worlds, seeds_within
+from sada_gym.experiment.nominal import (
+    COMBINED,
+    NominalWorld,
+    explore_nominal,
+    most_worlds,
+    seeds_within,
+)
 from sada_gym.experiment.record import FailureProbability, RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.novelty import Neighbours, image_neighbours
@@ -237,7 +243,7 @@ class Algorithm1:
         seeds = seeds_within(self._protocol.budget, len(space))
         oracle = Oracle(
             self._evaluator,
-            budget=seeds * most_worlds(len(space)),
+            budget=seeds * (most_worlds(len(space)) + COMBINED),
             seed=self.settings.seed,
             stream="validation",
             progress=functools.partial(self._report, "measure"),
@@ -247,8 +253,11 @@ class Algorithm1:
             oracle(np.repeat(mu, seeds, axis=0))
             return oracle.record[np.arange(-seeds * len(mu), 0)]
 
+        combine = np.random.default_rng(self.settings.seed) if self.application.combines else None
         known = Evaluations.joined([self.queries, self.samples])
-        return explore_nominal(space, nominal, play, known, self._threshold)
+        return explore_nominal(
+            *(space, nominal, play, known, self._threshold), samples=self.samples, combine=combine
+        )
 
     def _influences(self) -> tuple[Influence, ...]:
         worlds = Evaluations.joined([self.queries, self.samples]).valid

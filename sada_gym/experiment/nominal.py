@@ -20,6 +20,9 @@ _SHARE = 0.25
 _STEPS = 5
 """Halvings of the way from the nominal value to a value that fails."""
 
+COMBINED = 100
+"""Worlds that show how often harmless amounts together do harm."""
+
 Play = Callable[[Mu], Evaluations]
 """Evaluates each world equally often, in a row."""
 
@@ -46,6 +49,23 @@ class NearestFailure(Strict):
     change: float
 
 
+class Combined(Strict):
+    """How often the agent fails although each parameter alone would do no harm.
+
+    Attributes:
+        harmless: The values (low, high) of each parameter, all others nominal, between which the
+            agent did not fail.
+        worlds: The worlds that were drawn evenly within all these ranges; `fooled` fooled.
+        failures: The test samples that fooled; of them `within` lie within all these ranges.
+    """
+
+    harmless: dict[str, tuple[float, float]]
+    worlds: int
+    fooled: int
+    failures: int
+    within: int
+
+
 class NominalWorld(Strict):
     """The world in ordinary use, and what makes the agent fail there.
 
@@ -54,6 +74,8 @@ class NominalWorld(Strict):
         smallest: The parameters that make it fail alone, the smallest change first; none where the
             agent fails in the nominal world itself.
         nearest: None without any failure.
+        combined: None where the application does not ask for it, or the agent fails in the nominal
+            world itself.
     """
 
     parameters: dict[str, float]
@@ -62,6 +84,7 @@ class NominalWorld(Strict):
     fooled: int
     smallest: tuple[SmallestChange, ...]
     nearest: NearestFailure | None
+    combined: Combined | None = None
 
 
 def most_worlds(dimension: int) -> int:
@@ -75,17 +98,28 @@ def seeds_within(budget: int, dimension: int) -> int:
 
 
 def explore_nominal(
-    space: ParameterSpace, nominal: Floats32, play: Play, known: Evaluations, threshold: float
+    space: ParameterSpace,
+    nominal: Floats32,
+    play: Play,
+    known: Evaluations,
+    threshold: float,
+    *,
+    samples: Evaluations | None = None,
+    combine: np.random.Generator | None = None,
 ) -> NominalWorld:
     """Play the nominal world, (d,), and look for the smallest change of each parameter that fails.
 
     Both ends of each range are tried, and where one fails, the way there is halved a few times:
-    `most_worlds(d)` at most. `known` are evaluations whose failures count as known.
+    `most_worlds(d)` at most. `known` are evaluations whose failures count as known. With test
+    samples and a generator, `COMBINED` worlds more are played whose parameters are all harmless.
     """
     record = play(nominal[None])
     smallest: list[SmallestChange] = []
+    combined = None
     if not _fails(record, 1, threshold)[0]:
-        smallest = _smallest_changes(space, nominal, play, threshold)
+        smallest, harmless = _smallest_changes(space, nominal, play, threshold)
+        if combine is not None and samples is not None:
+            combined = _combined(space, harmless, play, samples, threshold, combine)
     return NominalWorld(
         parameters=space.describe(nominal),
         score=float(record.valid.score.mean()) if len(record.valid) else 0.0,
@@ -93,27 +127,32 @@ def explore_nominal(
         fooled=int(record.fooled(threshold).sum()),
         smallest=tuple(smallest),
         nearest=_nearest(space, nominal, known.mu[known.fooled(threshold)]),
+        combined=combined,
     )
 
 
 def _smallest_changes(
     space: ParameterSpace, nominal: Floats32, play: Play, threshold: float
-) -> list[SmallestChange]:
+) -> tuple[list[SmallestChange], Floats]:
+    """Return the changes, and the ends of what is harmless of each parameter alone, (d, 2)."""
     d = len(space)
     axes, ends = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
     away = np.abs(ends - nominal[axes]) > 0
     axes, ends = axes[away], ends[away]
     fails = _fails(play(_moved(nominal, axes, ends)), len(axes), threshold)
+    harmless = np.repeat(nominal.astype(np.float64)[:, None], 2, axis=1)
+    harmless[axes[~fails], (ends[~fails] > 0).astype(int)] = ends[~fails]
     axes, failing = axes[fails], ends[fails]
     holding = nominal[axes].astype(np.float64)
     for _ in range(_STEPS if len(axes) else 0):
         middle = (holding + failing) / 2.0
         fails = _fails(play(_moved(nominal, axes, middle)), len(axes), threshold)
         holding, failing = np.where(fails, holding, middle), np.where(fails, middle, failing)
+    harmless[axes, (failing > holding).astype(int)] = holding
     order = np.argsort(np.abs(failing - nominal[axes]), kind="stable")
     usual = space.physical(nominal[None])[0]
     moved = space.physical(_moved(nominal, axes, failing))
-    return [
+    changes = [
         SmallestChange(
             parameter=space.names[axes[k]],
             nominal=float(usual[axes[k]]),
@@ -121,6 +160,31 @@ def _smallest_changes(
         )
         for k in order
     ]
+    return changes, harmless
+
+
+def _combined(
+    space: ParameterSpace,
+    harmless: Floats,
+    play: Play,
+    samples: Evaluations,
+    threshold: float,
+    rng: np.random.Generator,
+) -> Combined:
+    low, high = harmless.astype(np.float32).T
+    drawn = play(rng.uniform(low, high, (COMBINED, len(space))).astype(np.float32).clip(low, high))
+    failures = samples.mu[samples.fooled(threshold)]
+    within = ((failures >= low) & (failures <= high)).all(axis=1)
+    ends = space.physical(np.stack([low, high]))
+    return Combined(
+        harmless={
+            name: (float(a), float(b)) for name, (a, b) in zip(space.names, ends.T, strict=True)
+        },
+        worlds=COMBINED,
+        fooled=int(_fails(drawn, COMBINED, threshold).sum()),
+        failures=len(failures),
+        within=int(within.sum()),
+    )
 
 
 def _moved(nominal: Floats32, axes: np.ndarray, values: Floats) -> Mu:

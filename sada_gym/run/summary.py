@@ -7,10 +7,11 @@ from pathlib import Path
 
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import FeasibleRate
-from sada_gym.experiment.nominal import NominalWorld
+from sada_gym.experiment.nominal import Combined, NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.foundations.cards import find_card
-from sada_gym.foundations.figures import number, tenths
+from sada_gym.foundations.figures import number, percent, tenths
+from sada_gym.measures.rates import wilson_interval
 from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run.folder import RESULT_FILE
@@ -48,6 +49,9 @@ def summary_rows(
     if invalid is not None and invalid.samples:
         of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{tenths(report.afr)} ({interval}), {of_samples}"
+    if report.nominal is not None and report.nominal.combined is not None:
+        yield "combinations", _combined(report.nominal.combined)
+        yield "harmless alone", _harmless(report.nominal, values)
     yield from where
     yield from further
     if report.influences:
@@ -165,6 +169,24 @@ def _smallest(nominal: NominalWorld, values: _Values) -> str:
     if nominal.nearest is None:
         return text
     return f"{text}; nearest failure of all worlds: {values.world(nominal.nearest.parameters)}"
+
+
+def _combined(found: Combined) -> str:
+    low, high = wilson_interval(found.fooled, found.worlds)
+    rate = f"{percent(found.fooled / found.worlds)} ({100 * low:.0f} to {100 * high:.0f})"
+    return (
+        f"within amounts of which each alone is harmless, {rate} of {found.worlds} uniform worlds "
+        f"fool, and {found.within} of the {found.failures} failures lie there"
+    )
+
+
+def _harmless(nominal: NominalWorld, values: _Values) -> str:
+    assert nominal.combined is not None
+    listed = [
+        f"{values.text(name, low)} to {values.alone(name, high)}"
+        for name, (low, high) in nominal.combined.harmless.items()
+    ]
+    return ", ".join(listed)
 
 
 class _Values:

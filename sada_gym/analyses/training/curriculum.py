@@ -164,9 +164,10 @@ def _worlds(environment: Any, render_mode: str | None) -> gym.Env[Any, Any]:
     if isinstance(environment, GymnasiumApplication):
         return GymnasiumWorlds(environment, render_mode=render_mode)
     if isinstance(environment, Path) or (isinstance(environment, str) and names_file(environment)):
-        return GymnasiumWorlds(
-            read_application(environment, agent=NoAgent()), render_mode=render_mode
-        )
+        described = read_application(environment, agent=NoAgent())
+        if not isinstance(described, GymnasiumApplication):
+            raise UserError(f"Expected an environment to train in, got images in {environment}.")
+        return GymnasiumWorlds(described, render_mode=render_mode)
     if isinstance(environment, str):
         env_id, name = task_id(environment)
         return TaskWorlds(gym.make(env_id, render_mode=render_mode), name)

@@ -22,11 +22,13 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.agents.built_in import BUILT_IN
 from sada_gym.agents.remote.places import place_of
+from sada_gym.application import Application
 from sada_gym.envs.wrapped import bindings, disturbances, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.served import server_of
 from sada_gym.errors import UserError, UserTypeError, check_known, described
 from sada_gym.foundations.files import as_path, read_toml
+from sada_gym.foundations.lazy import load
 
 KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
     re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower(): kind
@@ -56,7 +58,13 @@ _WORDS: Mapping[type, str] = {
     dict: "a table",
     list: "an array, such as [1, 2]",
 }
-_TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
+_TOML_TYPES = {
+    **{kind: kind for kind in _WORDS},
+    Path: str,
+    tuple: list,
+    Sequence: list,
+    Mapping: dict,
+}
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
     "max_steps": "a whole number",
@@ -74,10 +82,11 @@ _NAMES = {"VecNormalize": object}
 """Names that only type checkers load."""
 
 
-def read_application(path: str | Path, *, agent: Any = None) -> GymnasiumApplication:
+def read_application(path: str | Path, *, agent: Any = None) -> Application:
     """Read a TOML file that describes an application.
 
-    Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
+    Its keys are the arguments of `GymnasiumApplication`, or those of `ImageApplication` in a file
+    with the key `images`. A parameter is an array `[low, high]`, or
     a table with a `kind` of `KINDS` and that binding's fields. Paths in it are relative to its
     folder. An agent `module:object` is imported, and a module may lie in that folder.
 
@@ -101,14 +110,16 @@ def find_modules_in(folder: Path) -> None:
         sys.path.append(place)
 
 
-def application_of(
-    table: Mapping[str, Any], path: Path, *, agent: Any = None
-) -> GymnasiumApplication:
+def application_of(table: Mapping[str, Any], path: Path, *, agent: Any = None) -> Application:
     """Make the application that the table of a TOML file describes, see `read_application`.
 
     Paths in the table are relative to the folder of `path`, which need not exist.
     """
     find_modules_in(path.parent)
+    if "images" in table:
+        check_values(table, path)
+        images: Application = load("sada_gym.envs.images.toml:images_of")(table, path, agent)
+        return images
     keys, required = application_keys()
     check_known(f"key in {path}", table, [*keys])
     if agent is not None:  # statistics beside the file's agent are not this one's
@@ -119,8 +130,8 @@ def application_of(
     missing = [key for key in required if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
-    _check_values(table, path)
-    _check_types(table, keys, path)
+    check_values(table, path)
+    check_types(table, keys, path)
     server = server_of(table["environment"], path.parent)
     if server is None:
         _check_own(table["environment"], path)
@@ -129,7 +140,7 @@ def application_of(
     if agent is not None:
         arguments["agent"] = agent
     if "valid" in table:
-        arguments["valid"] = _imported(table["valid"], path, "valid", "module:function")
+        arguments["valid"] = imported(table["valid"], path, "valid", "module:function")
     arguments["parameters"] = {
         name: binding_of(name, value, path) for name, value in table["parameters"].items()
     }
@@ -152,13 +163,13 @@ def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     }
     arguments = [*inspect.signature(GymnasiumApplication).parameters.values()]
     required = [argument.name for argument in arguments if argument.default is argument.empty]
-    return {argument.name: _toml_types(hints[argument.name]) for argument in arguments}, required
+    return {argument.name: toml_types(hints[argument.name]) for argument in arguments}, required
 
 
 def binding_keys(kind: type[bindings.ParameterBinding]) -> dict[str, list[type]]:
     """Return the types of the keys in a parameter's table, besides its `kind`."""
     hints = get_type_hints(kind)
-    return {field.name: _toml_types(hints[field.name]) for field in fields(kind)}
+    return {field.name: toml_types(hints[field.name]) for field in fields(kind)}
 
 
 def binding_of(name: str, value: Any, path: Path) -> Any:
@@ -181,16 +192,17 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
     keys = binding_keys(binding)
     arguments = {key: argument for key, argument in value.items() if key != "kind"}
     check_known(f"key{parameter} in {path}", arguments, ["kind", *keys])
-    _check_types(arguments, keys, path, parameter)
+    check_types(arguments, keys, path, parameter)
     return binding(**{key: _as_tuples(argument) for key, argument in arguments.items()})
 
 
-def _toml_types(hint: Any) -> list[type]:
+def toml_types(hint: Any) -> list[type]:
+    """Return the types that a value of an annotation has in TOML."""
     origin = get_origin(hint) or hint
     if origin is Literal:
         return [*dict.fromkeys(type(value) for value in get_args(hint))]
     if origin is Union or origin is UnionType:
-        types = [kind for part in get_args(hint) for kind in _toml_types(part)]
+        types = [kind for part in get_args(hint) for kind in toml_types(part)]
         return [*dict.fromkeys(types)]
     return [_TOML_TYPES[origin]] if origin in _TOML_TYPES else []
 
@@ -201,7 +213,7 @@ def _fits(value: Any, types: Sequence[type]) -> bool:
     return isinstance(value, tuple(types)) or (isinstance(value, int) and float in types)
 
 
-def _check_values(table: Mapping[str, Any], path: Path) -> None:
+def check_values(table: Mapping[str, Any], path: Path) -> None:
     """Raise `UserError` for dates and for whole numbers that TOML does not have, however deep."""
     parts: list[Any] = [table]
     while parts:
@@ -219,9 +231,10 @@ def _check_values(table: Mapping[str, Any], path: Path) -> None:
             )
 
 
-def _check_types(
+def check_types(
     table: Mapping[str, Any], keys: Mapping[str, Sequence[type]], path: Path, parameter: str = ""
 ) -> None:
+    """Raise `UserError` for a value of a type that its key does not take."""
     for key, value in table.items():
         texts = _TEXTS.get(key, ())
         is_other = isinstance(value, str) and texts and value not in texts
@@ -244,10 +257,11 @@ def agent_of(text: str | list[Any], path: Path, key: str = "agent") -> Any:
     file = path.parent / os.path.expanduser(text)
     if file.suffix.lower() in SUFFIXES or ":" not in text:
         return file
-    return _imported(text, path, key, "an agent's file or module:object")
+    return imported(text, path, key, "an agent's file or module:object")
 
 
-def _imported(text: str, path: Path, key: str, expected: str) -> Any:
+def imported(text: str, path: Path, key: str, expected: str) -> Any:
+    """Import what `module:name` names; raise `UserError` where that fails."""
     module, _, name = text.rpartition(":")
     _check_own(text, path)
     try:

@@ -1,0 +1,97 @@
+"""Pictures of images under conditions: what counts in them, and what the model told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from sada_gym.foundations.arrays import Bools, Bytes, Floats
+from sada_gym.foundations.drawing import dashed_box, font
+from sada_gym.foundations.frames import INK, ORANGE, SKY, VERMILLION, Frame, LegendEntry, rgb
+
+SIZE = 480, 360
+"""Width and height in px of a panel, which an image fills in one direction."""
+
+_LINE = 26
+_FOUND, _MISSED, _TOLD = SKY, VERMILLION, ORANGE
+
+LEGENDS = {
+    "detect": (
+        LegendEntry("an object that was found", _FOUND, "box"),
+        LegendEntry("an object that was missed", _MISSED, "dashed box"),
+        LegendEntry("what the model told, with its confidence", _TOLD, "dotted box"),
+        LegendEntry("Left: the untouched image. Right: the same image in the world."),
+    ),
+    "classify": (
+        LegendEntry(
+            "Left: the untouched image. Right: the same image in the world. Below: what it was "
+            "taken for, and with which probability."
+        ),
+    ),
+}
+"""What the marks in pictures mean, for both kinds of models."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What a picture of one image shows.
+
+    Attributes:
+        image: (height, width, 3) uint8.
+        truth: (n, 4) boxes of what counts in it.
+        seen: (n,) which of them were found.
+        told: (m, 4) boxes of what the model told, and a text beside each.
+        line: What is written below.
+        right: Whether nothing went wrong.
+    """
+
+    image: Bytes
+    truth: Floats
+    seen: Bools
+    told: Floats
+    texts: Sequence[str]
+    line: str
+    right: bool
+
+
+def fitted(image: Bytes) -> Frame:
+    """Return an image scaled into `SIZE`, on white."""
+    return np.asarray(_canvas(image)[0])
+
+
+def drawn(panel: Panel) -> Image.Image:
+    """Draw an image with its objects and the model's answers, with a line below."""
+    canvas, scale, corner = _canvas(panel.image)
+    draw, face = ImageDraw.Draw(canvas), font(13)
+    shift = np.tile(corner, 2)
+    for box, text in zip(panel.told * scale + shift, panel.texts, strict=True):
+        dashed_box(draw, box.tolist(), rgb(_TOLD), 2, 2.0, 2.0, casing=(0, 0, 0))
+        draw.text(
+            *((box[0] + 2, box[1] - 16), text),
+            *(rgb(_TOLD), face),
+            stroke_width=2,
+            stroke_fill="black",
+        )
+    for box, seen in zip(panel.truth * scale + shift, panel.seen, strict=True):
+        colour, dash = (_FOUND, (1.0, 0.0)) if seen else (_MISSED, (8.0, 6.0))
+        dashed_box(draw, box.tolist(), rgb(colour), 3, *dash, casing=(0, 0, 0))
+    whole = Image.new("RGB", (SIZE[0], SIZE[1] + _LINE), "white")
+    whole.paste(canvas, (0, 0))
+    ink = rgb(INK if panel.right else _MISSED)
+    ImageDraw.Draw(whole).text((6, SIZE[1] + 4), panel.line, fill=ink, font=font(15))
+    return whole
+
+
+def _canvas(image: Bytes) -> tuple[Image.Image, float, Floats]:
+    """Return a picture of `SIZE` with an image in its middle, its scale, and where it begins."""
+    rows, columns = image.shape[:2]
+    scale = min(SIZE[0] / columns, SIZE[1] / rows)
+    size = max(1, round(columns * scale)), max(1, round(rows * scale))
+    small = Image.fromarray(image).resize(size, Image.Resampling.LANCZOS)
+    corner = (SIZE[0] - size[0]) // 2, (SIZE[1] - size[1]) // 2
+    canvas = Image.new("RGB", SIZE, "white")
+    canvas.paste(small, corner)
+    return canvas, scale, np.array(corner, np.float64)
