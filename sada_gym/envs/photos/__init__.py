@@ -1,0 +1,1 @@
+"""Photographs that lie in packages of others, under conditions of camera and weather."""
