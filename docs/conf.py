@@ -17,7 +17,9 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
+from sada_gym.envs.images.conditions import CONDITIONS, SETS
 from sada_gym.foundations.cards import find_card
+from sada_gym.foundations.figures import number
 from sada_gym.foundations.lazy import load as load_object
 
 # pages show docstrings of `studies`, which is not installed
@@ -111,8 +113,7 @@ class Environment(SphinxDirective):
         sizes = sorted({len(space) for space in spaces})
         d, seen = ("d", "d + 2") if len(sizes) > 1 else (sizes[0], sizes[0] + 2)
         various = f" with d = {', '.join(map(str, sizes))}" if len(sizes) > 1 else ""
-        named = card.agents or card.fetched
-        agents = [f"`{agent.name}`: {agent.summary}" for agent in named] or ["none"]
+        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.offered] or ["none"]
         rows = {
             "id": _few(ids, 5),
             "action": f"`Box(-1, 1, ({d},), float32)`{various}: {_few(spaces[0].names, 16)}",
@@ -131,6 +132,25 @@ class Environment(SphinxDirective):
         found = self.parse_text_to_nodes(table)
         found[0]["classes"].append("facts")
         return found
+
+
+class Conditions(SphinxDirective):
+    """Show the conditions of images as a table: sets, parameters, ranges and their sources."""
+
+    def run(self) -> list[nodes.Node]:
+        """Make the table from the conditions themselves."""
+        lines = [
+            "| condition | sets | from, to | source of the range |",
+            "| --- | --- | --- | --- |",
+        ]
+        for name, condition in CONDITIONS.items():
+            sets = ", ".join(f"`{each}`" for each in SETS if name in SETS[each] and each != "all")
+            ranges = ", ".join(
+                f"{each.label} {number(each.low)} to {number(each.high)} {each.unit}".strip()
+                for each in condition.parameters
+            )
+            lines.append(f"| `{name}` | {sets or '-'} | {ranges} | {condition.source} |")
+        return self.parse_text_to_nodes("\n".join(lines))
 
 
 def _few(names: Sequence[str], most: int) -> str:
@@ -154,4 +174,5 @@ def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("docstring", Docstring)
     app.add_directive("environment", Environment)
+    app.add_directive("conditions", Conditions)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)

@@ -139,6 +139,14 @@ def pixel() -> Image.Image:
     return whole
 
 
+def photos() -> Image.Image:
+    """A photograph of a street in which a detector no longer finds the people."""
+    frame = np.asarray(Image.open(IMAGES / "own-images.png"))  # tools.draw_photos draws it
+    picture = Image.fromarray(frame[:360, 480:]).resize((WIDTH, WIDTH * 3 // 4))
+    above = (picture.height - HEIGHT) // 2
+    return picture.crop((0, above, WIDTH, above + HEIGHT))
+
+
 def analytic() -> Image.Image:
     """Q over the plane: four boxes of failures."""
     frame = make_application("SADA-Analytic-v0").render([1, 1], 0)[6:, :-6]  # less the cross
@@ -157,7 +165,10 @@ def uav() -> Image.Image:
 
 def main() -> None:
     """Draw those that are named, or all."""
-    drawings = (detection, detection_coco, driving, uav, robot, quadrotor, digits, pixel, analytic)
+    drawings = (
+        *(detection, detection_coco, photos, driving, uav, robot, quadrotor, digits, pixel),
+        analytic,
+    )
     for draw in drawings:
         if draw.__name__ in (sys.argv[1:] or [one.__name__ for one in drawings]):
             name = draw.__name__.replace("_", "-")

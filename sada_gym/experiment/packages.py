@@ -34,6 +34,14 @@ _ORDER = (
     "numba",
     "ribs",
     "pillow",
+    "opencv-python",
+    "opencv-python-headless",
+    "onnxruntime",
+    "mujoco",
+    "jsbsim",
+    "metadrive-simulator",
+    "foundation-policy",
+    "h5py",
 )
 _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
 

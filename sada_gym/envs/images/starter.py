@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from sada_gym.envs.images.conditions import CONDITIONS, SETS
 from sada_gym.envs.images.toml import agent_of
 from sada_gym.envs.wrapped.starter import StarterFile
 from sada_gym.foundations.figures import number, percent
+
+_SECONDS, _LEAST_IMAGES = 0.5, 2
+"""How long a world should take, with as many images at least."""
 
 
 def images_file(images: Any, agent: str, labels: Path | None, task: Any, file: Path) -> StarterFile:
@@ -24,6 +28,10 @@ def images_file(images: Any, agent: str, labels: Path | None, task: Any, file: P
     model = agent_of(agent, Path("file"))  # as the user typed it: from here, not from the file
     application = ImageApplication(images, agent=model, labels=labels, task=task)
     count, clean = len(application.images), application.clean_score
+    began = time.monotonic()
+    application.agent.found(application.images.image(0))
+    seconds = time.monotonic() - began
+    batch = min(application.batch, max(_LEAST_IMAGES, round(_SECONDS / seconds)))
     known = application.images.labels is not None
     is_file = Path(agent).suffix.lower() in (*ONNX, *TORCHSCRIPT)
     given = {
@@ -32,7 +40,7 @@ def images_file(images: Any, agent: str, labels: Path | None, task: Any, file: P
         "labels": _from(file, labels) if labels is not None else None,
         "task": None if application.images.task else task,
         "fooling_threshold": application.fooling_threshold,
-        "batch": application.batch,
+        "batch": batch,
     }
     lines = [f"{key} = {json.dumps(value)}" for key, value in given.items() if value is not None]
     lines += ["", "[conditions]  # true, or another range [low, high] of the first parameter"]
@@ -49,7 +57,11 @@ def images_file(images: Any, agent: str, labels: Path | None, task: Any, file: P
             f"{count} images without labels: what the model tells of them untouched is the truth."
         )
     threshold = number(application.fooling_threshold)
-    notes = (truth, f"Threshold {threshold}: halfway to chance. So much or less is a failure.")
+    notes = (
+        truth,
+        f"Threshold {threshold}: halfway to chance. So much or less is a failure.",
+        f"A world has {batch} images: the model took {number(seconds)} s for one. More tell more.",
+    )
     return StarterFile("\n".join(lines) + "\n", notes, ready=True)
 
 

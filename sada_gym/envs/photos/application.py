@@ -6,9 +6,10 @@ from typing import Any, ClassVar
 
 from sada_gym import agents
 from sada_gym.envs.images.application import ImageApplication
-from sada_gym.envs.images.conditions import check_opencv
+from sada_gym.envs.images.conditions import check_opencv, find_conditions
 from sada_gym.envs.photos.street import film, street
 from sada_gym.errors import UserError, check_known
+from sada_gym.parameters import ParameterSpace
 
 
 class PhotosApplication(ImageApplication):
@@ -62,6 +63,9 @@ class PhotosApplication(ImageApplication):
     """
 
     name: ClassVar[str] = "SADA-Photos"
+    parameters = ParameterSpace(*(each for c in find_conditions("common") for each in c.parameters))
+    fooling_threshold = 0.5
+    sample_size = 100
 
     def __init__(
         self, photos: str = "street", *, agent: Any = "coco-centernet", agent_id: str | None = None
