@@ -3,11 +3,11 @@
     python -m studies.photos rates
     python -m studies.photos grid --images 2000 --out runs/photos-grid
 
-`rates` says how often nominal and uniform worlds fool. `grid` shows the detector equally many images
-by four ways: uniform worlds, ImageNet-C's grid (one condition at a time, at five severities), `bbgan`
-and `level-set`, whose test samples count among the images. It says how many worlds failed, how many
-groups they form, and how many hold nothing but amounts that are harmless alone. In brackets: 95 %
-intervals.
+`rates` says how often nominal and uniform worlds fool. `grid` shows the detector equally many
+images in four ways: uniform worlds, ImageNet-C's grid (one condition at a time, at five
+severities), `bbgan` and `level-set`, whose test samples count among the images. It says how many
+worlds failed, how many groups they form, and how many hold nothing but amounts that are harmless
+alone. In brackets: 95 % intervals.
 """
 
 from __future__ import annotations

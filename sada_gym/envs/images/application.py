@@ -325,8 +325,8 @@ class ImageApplication(Application):
             text = f"{len(events)} of {info['of']} {part}s not {done}: {', '.join(often)}"
         if info["extra"] and self._score_kind == "f1":
             text += f"; {info['extra']} false alarms"
-        data = {key: info[key] for key in ("right", "of", "extra")}
-        return Behaviour(text, events, part, data)
+        known = self.images.labels is not None  # else nobody knows what is a false alarm
+        return Behaviour(text, events, part, {"false alarms": info["extra"]} if known else {})
 
     @property
     def settings(self) -> dict[str, Any]:
