@@ -57,7 +57,7 @@ class QuadrotorEpisodes(Episodes[QuadrotorStart]):
         actions: (n, 4) the last actions.
     """
 
-    task_id = "SADA-Quadrotor-v0"
+    task_id = "the spaces of QuadrotorEpisodes"
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 

@@ -82,7 +82,7 @@ def draw_frame(start: QuadrotorStart, state: Floats, target: Floats) -> Frame:
 
 def snapshot(rollout: Rollout[QuadrotorStart], step: int) -> Image.Image:
     """Draw a step of a flight with the way until then, above the distance over time."""
-    scene = _Scene(rollout.start, rollout["states"][: step + 1], rollout["targets"][step])
+    scene = _Scene(rollout.start, rollout["states"], rollout["targets"][step], step + 1)
     if rollout["told"][step, 5] > FlightEnd.FLOWN:
         scene.failed(rollout["states"][step, :3])
     return Image.fromarray(stacked([scene.finished(), _chart(rollout["told"][:, 0], step)]))
@@ -100,7 +100,7 @@ def _chart(away_m: Floats, step: int) -> Image.Image:
     draw.rectangle((*at(SETTLED, BOUND_M), *at(STEPS, 0.0)), _COURSE)
     draw.line([at(0, most), at(0, 0.0), at(STEPS, 0.0)], INK_RGB, _FINE)
     draw.line([at(k, x) for k, x in enumerate(away_m[: step + 1].tolist())], _FLOWN, 2 * _FINE)
-    for metres in (0.0, BOUND_M, most):
+    for metres in (0.0, BOUND_M if most < 6 * BOUND_M else most, most):
         across, down = at(0, metres)
         draw.text((across - 12, down), f"{metres:.1f} m", INK_RGB, face, "rm")
     for place in range(0, STEPS + 1, 2 * POLICY_HZ):
@@ -109,10 +109,23 @@ def _chart(away_m: Floats, step: int) -> Image.Image:
     return chart.resize((WIDTH, CHART), Image.Resampling.BOX)
 
 
-class _Scene:
-    """A view of the figure from the side, with a quadrotor after the states (k, 17)."""
+def _seen(points: Floats) -> Floats:
+    """Return how far to the right and up of the figure's middle points (k, 3) are seen, in m."""
+    x, y, z = points.T
+    away = x * math.sin(_TURNED) + y * math.cos(_TURNED)
+    up = (z - HEIGHT_M) * math.cos(_RAISED) + away * math.sin(_RAISED)
+    return np.stack([x * math.cos(_TURNED) - y * math.sin(_TURNED), up], axis=1)
 
-    def __init__(self, start: QuadrotorStart, states: Floats, target: Floats) -> None:
+
+class _Scene:
+    """A view from the side, with a quadrotor after the first `until` of its states (k, 17)."""
+
+    def __init__(
+        self, start: QuadrotorStart, states: Floats, target: Floats, until: int = 1
+    ) -> None:
+        right, up = _seen(states[:, :3]).T  # all of the flight is in view
+        tall = max(up.max() / 0.3, -up.min() / 0.55) / HEIGHT
+        self._metre = 1 / max(1 / _METRE, abs(right).max() / (0.45 * WIDTH), tall)
         self._picture = Image.new("RGB", (WIDTH * _FINE, HEIGHT * _FINE), _SKY)
         self._draw = ImageDraw.Draw(self._picture)
         edges = np.arange(-_EDGE_M, _EDGE_M + 0.1, 0.5)
@@ -127,22 +140,16 @@ class _Scene:
             lap_s = 2 * math.pi * math.sqrt(2.0) / speed
             way = [(*reference_at(3 + k / 100 * lap_s, speed)[:2], HEIGHT_M) for k in range(101)]
             dashed(self._draw, self._at(np.array(way)), _FIGURE, 2 * _FINE, 16, 12)
-        self._line(states[:, :3], _FLOWN, 3)
+        self._line(states[:until, :3], _FLOWN, 3)
         goal = np.array([*target[:2], HEIGHT_M])
         self._line(np.stack([goal, goal * [1, 1, 0]]), _FIGURE, 1)
         self._disc(goal, 6, _TARGET)
-        self._quadrotor(states[-1])
+        self._quadrotor(states[until - 1])
 
     def _at(self, points: Floats) -> list[tuple[float, float]]:
         """Return where points (k, 3) lie in the picture."""
-        x, y, z = points.T
-        right = x * math.cos(_TURNED) - y * math.sin(_TURNED)
-        away = x * math.sin(_TURNED) + y * math.cos(_TURNED)
-        up = (z - HEIGHT_M) * math.cos(_RAISED) + away * math.sin(_RAISED)
-        return [
-            (_FINE * (WIDTH / 2 + _METRE * a), _FINE * (0.36 * HEIGHT - _METRE * b))
-            for a, b in zip(right.tolist(), up.tolist(), strict=True)
-        ]
+        pixels = [WIDTH / 2, 0.36 * HEIGHT] + _seen(points) * [self._metre, -self._metre]
+        return [(x, y) for x, y in (_FINE * pixels).tolist()]
 
     def _line(self, points: Floats, colour: Colour, width: int) -> None:
         self._draw.line(self._at(points), colour, width * _FINE, joint="curve")
