@@ -31,6 +31,7 @@ BY_TRACK = {
     "SADA-Robot-Warehouse-v0": "gp",
     "SADA-Quadrotor-Crazyflie-v0": "gmm50",
     "SADA-Quadrotor-X500-v0": "level-set",
+    "SADA-Photos-Street-v0": "gmm50",
 }
 
 
