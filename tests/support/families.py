@@ -16,6 +16,9 @@ SHIPPED = tuple(
 )
 """One id of each application: its other tracks run the same code in other worlds."""
 
+SECONDS_A_WORLD = ("SADA-DrivingMetaDrive-v0",)
+"""Ids whose tests are never fast: a world takes seconds."""
+
 MISSING = {
     env_id: card.missing if card.repeatable else "Its scores do not repeat to the last bit."
     for card in cards()
@@ -40,4 +43,6 @@ def family(members: Iterable[Any], *fast: Any) -> list[Any]:
 def _marks(name: Any, fast: tuple[Any, ...]) -> list[pytest.MarkDecorator]:
     reason = MISSING.get(name, "") if isinstance(name, str) else ""
     skipped = [pytest.mark.skip(reason=reason)] if reason else []
+    if name in SECONDS_A_WORLD:
+        skipped.append(pytest.mark.long)
     return skipped if name in fast else [*skipped, pytest.mark.slow]

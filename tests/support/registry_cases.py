@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from metadrive_agents import Swerver
 
 from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE
 
@@ -95,6 +96,10 @@ _CASES = {
         purity_elsewhere=PurityCase(2),
         brief={"Straight": 5, "OneCurve": 5, "Navigation": 5},
         telling={"Straight": 1, "OneCurve": 1},
+    ),
+    # a world costs a second and more: tests/envs/metadrive tries purity in more of them
+    "SADA-DrivingMetaDrive": RegistryCase(
+        slow=True, quick_agent=Swerver, purity=PurityCase(2), brief={}
     ),
     "SADA-Pixel": RegistryCase(purity=_TILES_OF_16),
     "SADA-Robot": RegistryCase(slow=True, purity=PurityCase(4, (3,))),

@@ -1,1 +1,0 @@
-"""The robot and the ground in MuJoCo."""

@@ -1,0 +1,1 @@
+"""MetaDrive's world: its one engine, and drives in it."""
