@@ -10,6 +10,7 @@ from zoo import needs
 import sada_gym
 from sada_gym import agents
 from sada_gym.envs.quadrotor.application import QuadrotorApplication
+from sada_gym.envs.quadrotor.behaviour import behaviour
 from sada_gym.envs.quadrotor.card import CARD
 from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
 from sada_gym.envs.quadrotor.frame import CHART, HEIGHT, WIDTH
@@ -78,6 +79,7 @@ def test_more_worlds_than_fly_at_a_time_are_the_same(monkeypatch):
 def test_what_becomes_of_flights():
     flights = falling().episodes(np.zeros((3, D), np.float32), [0, 1, 2])
     flights.states[1, 9] = 200.0  # it shoots up
+    flights.states[2, 3:7] = 0.0, 1.0, 0.0, 0.0  # upside down
     while len(which := flights.under_way()):
         flights.step(which, np.full((len(which), 4), -1.0))
     assert [info["ending"] for info in map(flights.info, range(3))] == [
@@ -86,7 +88,12 @@ def test_what_becomes_of_flights():
         "crashed",
     ]
     assert (flights.score == 0.0).all()
+    assert flights.info(1)["flown_s"] < 0.05  # 3 m away, at once
     assert flights.info(0)["flown_s"] == pytest.approx(np.sqrt(2 * HEIGHT_M / 9.81), abs=0.2)
+    assert [info["upset"] for info in map(flights.info, range(3))] == [False, False, True]
+    found = behaviour(flights, [2])
+    assert found.events == ("tumbled to the ground",)
+    assert found.text.startswith("upside down after 0.0 s, hit the ground after 0.")
     (text,) = (found.text for found in falling().behaviours(np.zeros((1, D)), [0]))
     assert re.fullmatch(r"hit the ground after 0\.\d s", text)
 
@@ -183,3 +190,16 @@ def test_a_model_of_ones_own_is_refused_where_its_spaces_are_others():
     model = PPO("MlpPolicy", "CartPole-v1", device="cpu")
     with pytest.raises(ValueError, match="Expected an agent with observations Dict"):
         QuadrotorApplication(agent=model)
+
+
+@pytest.mark.long
+@needs("foundation-policy", "h5py")
+def test_two_workers_and_a_run_that_goes_on_give_the_same_bits(tmp_path):
+    mu = np.random.default_rng(0).uniform(-1, 1, (8, D))
+    track, store = "SADA-Quadrotor-X500-v0", tmp_path / "run.sqlite"
+    with sada_gym.Oracle(track, budget=8, seed=0) as oracle:
+        expected = oracle(mu)
+    with sada_gym.Oracle(track, budget=8, seed=0, workers=2, store=store) as oracle:
+        np.testing.assert_array_equal(oracle(mu[:5]), expected[:5])
+    with sada_gym.Oracle(track, budget=8, seed=0, store=store) as oracle:
+        np.testing.assert_array_equal(oracle(mu), expected)

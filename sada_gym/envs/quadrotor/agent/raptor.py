@@ -18,7 +18,9 @@ from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
 from sada_gym.foundations.arrays import Floats, Floats32, Indices
 from sada_gym.foundations.compiled import kernel
 
-_LAYERS = ("0/weights", "1/weights_input", "1/weights_hidden", "2/weights")
+_WEIGHTS = ("0/weights", "1/weights_input", "1/weights_hidden", "2/weights")
+_BIASES = ("0/biases", "1/biases_input", "1/biases_hidden", "2/biases")
+_INITIAL = "1/initial_hidden_state"
 _UNITS = 16
 _MOST = 600.0
 """The greatest exponent, far beyond all that occur."""
@@ -38,12 +40,10 @@ class Raptor:
     def __init__(self, arrays: Mapping[str, Floats32]) -> None:
         parts = [name.encode() + arrays[name].tobytes() for name in sorted(arrays)]
         self.fingerprint = hashlib.sha256(b"".join(parts)).hexdigest()
-        self._initial = arrays["1/initial_hidden_state"].astype(np.float64)
+        self._initial = arrays[_INITIAL].astype(float)
         # transposed, so that a kernel adds a multiple of a row at a time
-        self._weights = tuple(np.ascontiguousarray(arrays[name].T, float) for name in _LAYERS)
-        self._biases = tuple(
-            arrays[name.replace("weights", "biases")].ravel().astype(float) for name in _LAYERS
-        )
+        self._weights = tuple(np.ascontiguousarray(arrays[name].T, float) for name in _WEIGHTS)
+        self._biases = tuple(arrays[name].ravel().astype(float) for name in _BIASES)
         self.start(0)
 
     def start(self, count: int) -> None:
@@ -62,16 +62,10 @@ def load(files: Mapping[str, Path]) -> Raptor:
     """Read RAPTOR from the installed package's only file."""
     import h5py  # only this needs it
 
-    names = {name.replace("weights", "biases") for name in _LAYERS}
     (path,) = files.values()
     with h5py.File(path, "r") as file:
-        layers = file["actor/layers"]
-        return Raptor(
-            {
-                name: layers[f"{name}/parameters"][()]
-                for name in (*_LAYERS, *names, "1/initial_hidden_state")
-            }
-        )
+        layers, names = file["actor/layers"], (*_WEIGHTS, *_BIASES, _INITIAL)
+        return Raptor({name: layers[f"{name}/parameters"][()] for name in names})
 
 
 @kernel
