@@ -4,7 +4,7 @@ NumPy, OpenBLAS and the libraries below torch choose their kernels by processor.
 up in another order and round differently, and in a closed loop one last bit makes another episode.
 So importing `sada_gym` chooses for them: kernels that every processor with AVX2 has, and MKL's
 kernels for the processors of all makers. A library reads the choice when it is loaded (NumPy,
-OpenBLAS) or when it first computes (those below torch).
+OpenBLAS, OpenCV) or when it first computes (those below torch).
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ def choose() -> None:
     if "numpy" not in sys.modules:
         for name, value in _numpy_variables().items():
             os.environ.setdefault(name, value)
+    if "cv2" not in sys.modules and _has_wider():
+        os.environ.setdefault("OPENCV_CPU_DISABLE", "AVX512-SKX")
     if _differing_torch():
         del os.environ["MKL_CBWR"], os.environ["ATEN_CPU_CAPABILITY"]
         os.environ["ONEDNN_MAX_CPU_ISA"] = "ALL"
@@ -79,6 +81,14 @@ def _numpy_variables() -> dict[str, str]:
         else "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
     )
     return {"NPY_DISABLE_CPU_FEATURES": names, "OPENBLAS_CORETYPE": "Haswell"}
+
+
+def _has_wider() -> bool:
+    """Say whether the processor has what OpenCV's widest kernels need; elsewhere it complains."""
+    try:
+        return " avx512bw " in Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return False
 
 
 def _differing_torch() -> list[str]:

@@ -22,7 +22,7 @@ from families import MISSING
 from sada_gym import attack
 
 FILE = Path(__file__).parents[1] / "digests" / "attacks.json"
-DRIVING = {"budget": 6, "samples": 4}
+SLOW = {"budget": 6, "samples": 4}
 USUAL = {"budget": 40, "samples": 10}
 ADVERSARIES = ("level-set", "gp", "bayesian", "svm", "smc", "gmm50")
 BY_TRACK = {
@@ -31,14 +31,15 @@ BY_TRACK = {
     "SADA-Robot-Warehouse-v0": "gp",
     "SADA-Quadrotor-Crazyflie-v0": "gmm50",
     "SADA-Quadrotor-X500-v0": "level-set",
+    "SADA-Photos-Street-v0": "gmm50",
 }
 
 
 def digest(track: str) -> str:
     """Attack a track, and digest the queries, the samples and their scores."""
     number = sada_gym.tracks().index(track)
-    driving = "Driving" in track
-    name = "random" if driving else BY_TRACK.get(track, ADVERSARIES[number % len(ADVERSARIES)])
+    slow = "Driving" in track or "Go2" in track
+    name = "random" if slow else BY_TRACK.get(track, ADVERSARIES[number % len(ADVERSARIES)])
     run = attack(
         track,
         name,
@@ -46,7 +47,7 @@ def digest(track: str) -> str:
         pictures=False,
         diagnose=False,
         progress=False,
-        **(DRIVING if driving else USUAL),
+        **(SLOW if slow else USUAL),
     )
     content = hashlib.sha256()
     for part in (run.queries, run.samples):

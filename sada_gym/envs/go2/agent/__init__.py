@@ -1,0 +1,1 @@
+"""The walking policy of others, and the file that `sada-gym fetch go2-walk` makes."""

@@ -1,0 +1,1 @@
+"""The robot and the ground in MuJoCo."""
