@@ -98,9 +98,7 @@ _CASES = {
         telling={"Straight": 1, "OneCurve": 1},
     ),
     # a world costs a second and more: tests/envs/metadrive tries purity in more of them
-    "SADA-DrivingMetaDrive": RegistryCase(
-        slow=True, quick_agent=Swerver, purity=PurityCase(2), brief={}
-    ),
+    "SADA-DrivingMetaDrive": RegistryCase(slow=True, quick_agent=Swerver, purity=PurityCase(2)),
     "SADA-Pixel": RegistryCase(purity=_TILES_OF_16),
     "SADA-Robot": RegistryCase(slow=True, purity=PurityCase(4, (3,))),
     "SADA-UAV": RegistryCase(

@@ -102,7 +102,7 @@ def _time_to_collision(episodes: DriveEpisodes, lane: Any) -> float:
         turned = thing.heading_theta - lane.heading_theta_at(min(max(along, 0.0), lane.length))
         cos, sin = math.cos(turned), math.sin(turned)
         ahead, across = thing.speed * cos, thing.speed * sin
-        if abs(sin) < math.sin(_CROSSING_RAD):
+        if abs(sin) < math.sin(_CROSSING_RAD) and thing.lane is not None:
             own = thing.lane.local_coordinates(thing.position)[1]
             across = across if abs(own) > WANDERING_M else 0.0
         length, width = thing.LENGTH or 1.0, thing.WIDTH or 1.0
