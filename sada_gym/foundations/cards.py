@@ -15,7 +15,7 @@ from sada_gym.foundations.lazy import load
 
 APPLICATIONS = (
     *("analytic", "detection", "driving", "uav", "robot", "digits", "pixel"),
-    *("detection_coco", "carla", "quadrotor", "photos", "go2", "metadrive"),
+    *("detection_coco", "carla", "quadrotor", "photos", "go2", "metadrive", "flight"),
 )
 """The folders of the applications, in the order of all listings."""
 

@@ -1,0 +1,1 @@
+"""The flight's agent: the autopilots in JSBSim's aircraft files."""

@@ -1,0 +1,1 @@
+"""The flight's world: JSBSim with an aircraft of its own."""
