@@ -17,13 +17,14 @@ from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.base import RIGHT, WRONG, enlarged
+from sada_gym.envs.flight import frame as flight_frame
 from sada_gym.envs.go2 import frame as go2_frame
 from sada_gym.envs.metadrive import frame as metadrive_frame
 from sada_gym.envs.pixel import PixelApplication
 from sada_gym.envs.quadrotor import frame as quadrotor_frame
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.frame import snapshot
-from tools import draw_go2, draw_metadrive, draw_quadrotor
+from tools import draw_flight, draw_go2, draw_metadrive, draw_quadrotor
 from tools.draw_digits import gradient_sign
 from tools.draw_robot import SEED as ROBOT_SEED
 from tools.draw_robot import TURNED, mu_of
@@ -126,6 +127,13 @@ def go2() -> Image.Image:
     return card(go2_frame.snapshot(rollout, rollout.last).crop((90, 30, 650, 380)))
 
 
+def flight() -> Image.Image:
+    """The end of a flight that stalls."""
+    application = make_application(draw_flight.TRACK)
+    (rollout,) = application.rollouts(draw_flight.mu_of(**draw_flight.SINKING), draw_flight.SEED)
+    return card(flight_frame.snapshot(rollout, rollout.last).crop((0, 0, 560, 350)))
+
+
 def digits() -> Image.Image:
     """The first fifteen uniform worlds that fool."""
     cell, columns, rows = 92, 5, 3
@@ -184,7 +192,7 @@ def main() -> None:
     """Draw those that are named, or all."""
     drawings = (
         *(detection, detection_coco, photos, driving, uav, robot, quadrotor, go2, metadrive),
-        *(digits, pixel),
+        *(flight, digits, pixel),
         analytic,
     )
     for draw in drawings:

@@ -204,9 +204,7 @@ def _chart(
     far = abs(commanded - first) > 0.2 * (high - low)
     for value in {first, commanded} if far else {commanded}:
         across, down = at(0, value)
-        draw.text(
-            (across - 8, down), f"{value:,.0f} {unit}".replace(" °", "°"), INK_RGB, face, "rm"
-        )
+        draw.text((across - 8, down), f"{value:,.0f}{unit}", INK_RGB, face, "rm")
     for time_s in range(0, FLIGHT_S + 1, 20):
         across, down = at(time_s, low)
         draw.text((across, down + 6), f"{time_s} s", INK_RGB, face, "mt")
