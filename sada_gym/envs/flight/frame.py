@@ -9,7 +9,6 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.episodes.base import Rollout
-from sada_gym.envs.flight.behaviour import ending
 from sada_gym.envs.flight.start import (
     COMMAND_S,
     FLIGHT_S,
@@ -59,7 +58,11 @@ def summary(rollouts: Sequence[Rollout[FlightStart]]) -> Frame:
     values = rollout.start.conditions.values()
     written = [one.text(x) for one, x in zip(PARAMETERS.parameters, values, strict=True)]
     lines = [", ".join(written[k : k + 4]) for k in range(0, len(written), 4)]
-    title = f"{rollout.start.built.title} at {rollout.start.speed_kt:.0f} kt: {ending(rollout)[0]}"
+    end = FlightEnd(int(rollout["told"][-1, 3])).name.lower()
+    title = (
+        f"{rollout.start.built.title} at {rollout.start.speed_kt:.0f} kt: {end} after "
+        f"{rollout.last / POLICY_HZ:.0f} s, held for {rollout.score:.0%} of the time"
+    )
     text = caption("\n".join([title, *lines]), WIDTH, _TEXT)
     return stacked([text, snapshot(rollout, rollout.last)])
 
