@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.agents.packaged import missing_packages
 from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.envs.metadrive.episodes import UNFINISHED, DriveEpisodes
@@ -18,6 +17,7 @@ from sada_gym.envs.metadrive.start import (
     TRAINING_SCENES,
     DriveStart,
 )
+from sada_gym.envs.metadrive.world.engine import check_installed
 from sada_gym.parameters import Mu
 
 
@@ -101,6 +101,7 @@ class MetaDriveApplication(SimulatorApplication[DriveEpisodes]):
     def __init__(
         self, *, agent: AgentLike = "metadrive-expert", agent_id: str | None = None
     ) -> None:
+        check_installed()
         super().__init__(agent, agent_id)
 
     def episodes(self, mu: Mu, seeds: Sequence[int]) -> DriveEpisodes:
@@ -118,8 +119,3 @@ class MetaDriveApplication(SimulatorApplication[DriveEpisodes]):
             scores.append(drive.score)
             extras.append(drive.info(0))
         return Scored(np.concatenate(scores), extras)
-
-
-def missing() -> str:
-    """Say what has to be installed for MetaDrive; empty where all is there."""
-    return missing_packages({"metadrive-simulator": "0.4.3"}, "Python below 3.12")

@@ -10,7 +10,7 @@ CARD = ApplicationCard(
     summary="The adversary changes road, traffic, accidents, lidar and car, and a driver that "
     "others trained has to follow its route without a crash.",
     application="sada_gym.envs.metadrive.application:MetaDriveApplication",
-    requirements="sada_gym.envs.metadrive.application:missing",
+    requirements="sada_gym.envs.metadrive.world.engine:missing",
     packaged=(
         PackagedAgent(
             name="metadrive-expert",

@@ -326,6 +326,19 @@ def test_a_package_that_is_another_is_refused(monkeypatch, change, message):
         package_files(replace(CARD.packaged[0], **change))
 
 
+@pytest.mark.parametrize("found", ["", "0.4.2"])
+def test_without_its_package_every_id_says_what_installs_it(monkeypatch, found):
+    from sada_gym.agents import packaged
+
+    sada_gym.envs.metadrive.close_engine()
+    monkeypatch.setattr(packaged, "_version", lambda _: found)
+    expected = f"metadrive-simulator 0.4.3, got {found or 'none'}.*zoo.*Python below 3.12"
+    with pytest.raises(MissingPart, match=expected):
+        gym.make("SADA-DrivingMetaDrive-v0")
+    with pytest.raises(MissingPart, match=expected):
+        gym.make("SADA-DrivingMetaDriveTask-v0").reset(seed=0)
+
+
 def test_a_careful_driver_brakes_for_a_stopped_car_as_the_regulation_says():
     from sada_gym.envs.metadrive.agent.idm import CarefulDriver
 

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from sada_gym.agents.packaged import missing_packages
 from sada_gym.envs.metadrive.start import SCENES, DriveStart
-from sada_gym.errors import UserError
+from sada_gym.errors import MissingPart, UserError
 from sada_gym.foundations.arrays import Floats, Floats32
 
 OTHERS, RAYS, LIDAR_M = 4, 240, 50.0
@@ -26,6 +27,17 @@ _CROSSINGS, _OPEN_ROAD = ("XTO", (0.15, 0.15, 0.1)), ("CSrR", (0.3, 0.1, 0.1, 0.
 """Crossings, and other blocks, by MetaDrive's letters, with the probabilities that it gives them
 (`PGBlockDistConfig.BLOCK_TYPE_DISTRIBUTION_V2`)."""
 _LAST_BLOCK = "C"
+
+
+def missing() -> str:
+    """Say what has to be installed for MetaDrive; empty where all is there."""
+    return missing_packages({"metadrive-simulator": "0.4.3"}, "Python below 3.12")
+
+
+def check_installed() -> None:
+    """Raise `MissingPart` where MetaDrive is not installed, or another version."""
+    if sentence := missing():
+        raise MissingPart(sentence)
 
 
 class Engine:
@@ -37,6 +49,7 @@ class Engine:
     """
 
     def __init__(self) -> None:
+        check_installed()
         from metadrive import MetaDriveEnv
         from metadrive.engine.engine_utils import engine_initialized
 
