@@ -44,6 +44,8 @@ _ORDER = (
     "h5py",
 )
 _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
+_UNDECLARED = tuple(name for name in _ORDER[1:] if name != "onnxruntime")
+"""What counts for a class that says nothing: an agent of ONNX says it itself."""
 
 
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
@@ -91,7 +93,7 @@ def _of_application(application: Application) -> tuple[str, ...]:
     if declared is not None:
         return tuple(declared)
     card = find_card(application.name) if _is_ours(type(application)) else None
-    return _ORDER[1:] if card is None else card.packages
+    return _UNDECLARED if card is None else card.packages
 
 
 def _of_adversary(adversary: type[Adversary]) -> tuple[str, ...]:
@@ -103,7 +105,7 @@ def _of_adversary(adversary: type[Adversary]) -> tuple[str, ...]:
     bases = (base for base in adversary.__mro__ if "packages" in vars(base))
     declared = next(bases, None)
     if declared is None or _is_ours(declared) != _is_ours(adversary):
-        return _ORDER[1:]
+        return _UNDECLARED
     return tuple(adversary.packages)
 
 

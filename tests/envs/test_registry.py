@@ -440,7 +440,8 @@ def test_a_card_names_its_application(card: ApplicationCard) -> None:
 def test_every_folder_of_an_application_has_its_card_in_the_list() -> None:
     folder = Path(envs.__file__).parent
     folders = {path.parent.name for path in folder.glob("*/application.py")}
-    assert folders == {*APPLICATIONS, "wrapped"}  # whose environments are the users' own
+    # whose environments and images are the users' own
+    assert folders == {*APPLICATIONS, "wrapped", "images"}
     assert len({card.name for card in cards()}) == len(APPLICATIONS)
 
 

@@ -31,6 +31,9 @@ BY_TRACK = {
     "SADA-Robot-Warehouse-v0": "gp",
     "SADA-Quadrotor-Crazyflie-v0": "gmm50",
     "SADA-Quadrotor-X500-v0": "level-set",
+    "SADA-Flight-C172-v0": "gp",
+    "SADA-Flight-C310-v0": "gmm50",
+    "SADA-Flight-Global5000-v0": "svm",
     "SADA-Photos-Street-v0": "gmm50",
 }
 

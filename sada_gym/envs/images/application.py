@@ -110,7 +110,7 @@ class ImageApplication(Application):
 
     render_fps = 8
     combines = True
-    packages = ("torch", "opencv-python-headless", "opencv-python", "pillow", "onnxruntime")
+    packages = ("torch", "opencv-python-headless", "opencv-python", "pillow")
 
     def __init__(
         self,
