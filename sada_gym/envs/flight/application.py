@@ -90,7 +90,7 @@ class FlightApplication(SimulatorApplication[FlightEpisodes]):
     episodes_class = FlightEpisodes
     frame_module = "sada_gym.envs.flight.frame"
     behaviour_module = "sada_gym.envs.flight.behaviour"
-    worlds_at_once = 16
+    worlds_at_once = 1  # side by side they push one another out of the cache
 
     def __init__(
         self,

@@ -83,7 +83,7 @@ class FlightEpisodes(Episodes[FlightStart]):
 
     def under_way(self) -> Indices:
         """Return the flights that have not ended."""
-        return np.flatnonzero(self.told[:, 3] == FlightEnd.UNDER_WAY)
+        return np.flatnonzero(self.told[:, 3] == 0.0)  # a number: comparing an enum is slow
 
     @property
     def score(self) -> Floats:
@@ -137,13 +137,12 @@ class FlightEpisodes(Episodes[FlightStart]):
 
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some aircraft, whose flights are under way, fly for a quarter of a second."""
-        controls = np.clip(self._validate_actions(which, actions), -1.0, 1.0).tolist()
+        controls = self._validate_actions(which, actions).tolist()
+        self.steps[which] += 1
         for i, control in zip(which.tolist(), controls, strict=True):
             flight = self._flight(i)
-            flight.fly(control)
-            self.steps[i] += 1
-            state = flight.state()
-            self._judge(i, state)
+            flight.fly([min(max(x, -1.0), 1.0) for x in control])
+            self._judge(i, flight.state())
 
     def close(self) -> None:
         """Free the simulations."""
@@ -155,21 +154,22 @@ class FlightEpisodes(Episodes[FlightStart]):
         return flight
 
     def _judge(self, i: int, state: list[float]) -> None:
-        told, step, built = self.told[i], int(self.steps[i]), self.starts[i].built
+        step, built, end = int(self.steps[i]), self.starts[i].built, FlightEnd.UNDER_WAY
         if not all(map(math.isfinite, state)):
-            told[3] = FlightEnd.INVALID  # the last state that there was stays
+            self.told[i, 3] = FlightEnd.INVALID  # the last state that there was stays
             return
         self.states[i] = state
-        pitch = state[_PITCH]
         if state[_ALPHA] >= math.radians(built.stall_deg):
-            told[3] = FlightEnd.STALLED
-        elif abs(state[_BANK]) > BANK_DEG or not NOSE_DOWN_DEG <= pitch <= NOSE_UP_DEG:
-            told[3] = FlightEnd.UPSET
+            end = FlightEnd.STALLED
+        elif abs(state[_BANK]) > BANK_DEG or not NOSE_DOWN_DEG <= state[_PITCH] <= NOSE_UP_DEG:
+            end = FlightEnd.UPSET
         elif state[_SPEED] > built.never_kt:
-            told[3] = FlightEnd.OVERSPEED
+            end = FlightEnd.OVERSPEED
         elif step >= FLIGHT_S * POLICY_HZ:
-            told[3] = FlightEnd.FLOWN
+            end = FlightEnd.FLOWN
+        if end is not FlightEnd.UNDER_WAY:
+            self.told[i, 3] = end
         if step > SETTLED_S * POLICY_HZ:
-            altitude_ft, turn_deg = map(abs, self.errors(i))
+            told, (altitude_ft, turn_deg) = self.told[i], map(abs, self.errors(i))
             told[0] += altitude_ft <= WITHIN_FT and turn_deg <= WITHIN_DEG
             told[1], told[2] = max(told[1], altitude_ft), max(told[2], turn_deg)

@@ -130,6 +130,7 @@ class Flight:
                 ("rudder", "fcs/rudder-cmd-norm"),
             )
         }
+        self._wanted_kt = start.speed_kt
         self._speed_kt = self._read[FIELDS.index("speed_kt")]
         self._levers = [
             nodes.get_node(f"fcs/throttle-cmd-norm[{i}]").set_double_value
@@ -206,7 +207,7 @@ class Flight:
             put["wind"](now["tailwind_kt"] * _FPS_PER_KT * since_s / WIND_S)
             put["down"](now["downdraught_ft_min"] / 60.0 * since_s / WIND_S)
         put["stuck"](float(0.0 <= since_s < now["stuck_s"]))
-        slow_kt = self.start.speed_kt - self._speed_kt()
+        slow_kt = self._wanted_kt - self._speed_kt()
         self._power = min(max(self._power + _INTEGRAL * slow_kt / POLICY_HZ, 0.0), 1.0)
         power = self._power + _PROPORTIONAL * slow_kt
         for name, value in zip(("elevator", "aileron", "rudder"), controls, strict=False):
