@@ -16,14 +16,7 @@ from sada_gym.envs.go2.start import PARAMETERS, POLICY_HZ, PUSH_S, Go2Start, Wal
 from sada_gym.envs.go2.world.robot import LOAD_M
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.drawing import INK_RGB, caption, cross, dashed, ring, stacked
-from sada_gym.foundations.frames import (
-    BLUE,
-    ORANGE,
-    VERMILLION,
-    Frame,
-    LegendEntry,
-    rgb,
-)
+from sada_gym.foundations.frames import BLUE, ORANGE, VERMILLION, Frame, LegendEntry, rgb
 
 WIDTH, HEIGHT, MAP = 700, 380, 130
 _FINE = 2
@@ -60,8 +53,8 @@ def summary(rollouts: Sequence[Rollout[Go2Start]]) -> Frame:
     written = [one.text(x) for one, x in zip(PARAMETERS.parameters, values, strict=True)]
     lines = [", ".join(written[k : k + 4]) for k in range(0, len(written), 4)]
     done, _, end = rollout["told"][-1].tolist()
-    ended = WalkEnd(int(end)).name.lower()
-    title = f"{ended} after {rollout.last / POLICY_HZ:.1f} s, {done:.0%} of the way done"
+    fell = ", then it fell" if end > WalkEnd.WALKED else ""
+    title = f"{done:.0%} of the way done in {rollout.last / POLICY_HZ:.1f} s{fell}"
     text = caption("\n".join([title, *lines]), WIDTH, _TEXT)
     return stacked([text, snapshot(rollout, rollout.last)])
 
@@ -120,8 +113,7 @@ def _map(start: Go2Start, walked: Floats, *, failed: bool) -> Image.Image:
     most = PARAMETERS.parameters[PARAMETERS.names.index("step_height_m")].high
     for near, far, height in start.slabs:
         (left, _), (right, _) = at(np.array([[near, 0.0], [far, 0.0]]))
-        shade = height / most
-        colour = tuple(round(255 - (255 - part) * shade) for part in _RISER)
+        colour = tuple(round(255 - (255 - part) * height / most) for part in _RISER)
         draw.rectangle((left, 0, right, MAP * _FINE), colour)
     dashed(draw, at(start.way[:, :2]), _WAY, 2 * _FINE, 12, 9)
     places = at(walked)
@@ -249,9 +241,10 @@ class _Scene:
 
     def push(self, place: Floats) -> None:
         """Draw a push against the trunk."""
-        direction = math.radians(self._start.conditions["push_direction_deg"])
+        now = self._start.conditions
+        direction = math.radians(now["push_direction_deg"])
         ahead = np.array([math.cos(direction), math.sin(direction), 0.0])
-        reach = 0.25 + 0.4 * self._start.conditions["push_m_s"] / 2.0
+        reach = 0.25 + 0.2 * now["push_m_s"]
         tail, tip = np.array(self._at([place - (0.15 + reach) * ahead, place - 0.15 * ahead]))
         _arrow(self._draw, tail, tip)
 
