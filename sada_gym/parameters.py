@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -200,6 +200,11 @@ class ParameterSpace:
     def names(self) -> tuple[str, ...]:
         """The parameters' names, in the order of mu's columns."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    def lines(self, values: Iterable[float], count: int) -> list[str]:
+        """Write physical values, one for each parameter, with `count` of them in a line."""
+        written = [one.text(value) for one, value in zip(self.parameters, values, strict=True)]
+        return [", ".join(written[k : k + count]) for k in range(0, len(written), count)]
 
     def validate(self, mu: npt.ArrayLike) -> Mu:
         """Return mu as `validate_mu` does, in this space's dimension."""

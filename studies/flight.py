@@ -18,16 +18,10 @@ import numpy as np
 from sada_gym import make_application
 from sada_gym.application import Application
 from sada_gym.foundations.cards import find_card
-from sada_gym.measures.rates import wilson_interval
+from studies.shares import share
 
 CARD = find_card("SADA-Flight")
 NOMINAL, UNIFORM, EACH = 200, 400, 10
-
-
-def share(fooled: np.ndarray) -> str:
-    """Write a share with its interval."""
-    low, high = wilson_interval(int(fooled.sum()), len(fooled))
-    return f"{100 * fooled.mean():.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def rates(application: Application) -> list[str]:

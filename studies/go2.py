@@ -18,7 +18,7 @@ import numpy as np
 
 from sada_gym import make_application
 from sada_gym.application import Application
-from sada_gym.measures.rates import wilson_interval
+from studies.shares import share
 
 ORDINARY, MIDDLE, UNIFORM, EACH = 200, 100, 400, 10
 _LOADED = {"payload_kg": 8.0}
@@ -31,12 +31,6 @@ ALONE: tuple[dict[str, float], ...] = (
     *({"motor_strength": 1.3}, {"speed_m_s": 0.3}, {"speed_m_s": 1.0}),
     *({"turn_rad_s": -1.0}, {"turn_rad_s": 1.0}, {"delay_s": 0.005}, {"delay_s": 0.01}),
 )
-
-
-def share(fooled: np.ndarray) -> str:
-    """Write a share with its interval."""
-    low, high = wilson_interval(int(fooled.sum()), len(fooled))
-    return f"{100 * fooled.mean():.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def rates(application: Application) -> None:

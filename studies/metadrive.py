@@ -22,7 +22,7 @@ import numpy as np
 from sada_gym import make_application
 from sada_gym.application import Application
 from sada_gym.envs.metadrive.agent.idm import CarefulDriver
-from sada_gym.measures.rates import wilson_interval
+from studies.shares import share
 
 DRIVERS = ("metadrive-expert", "metadrive-idm", "UN R157")
 WORLDS = {"nominal": 200, "uniform": 400}
@@ -63,12 +63,6 @@ def drive(driver: str, kind: str, file: Path, most: int) -> None:
             opened_file.writelines(
                 json.dumps({key: row[key] for key in keys}) + "\n" for row in rows
             )
-
-
-def share(fooled: np.ndarray) -> str:
-    """Write a share with its interval."""
-    low, high = wilson_interval(int(fooled.sum()), len(fooled))
-    return f"{100 * fooled.mean():.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def tables(out: Path) -> None:

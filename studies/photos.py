@@ -21,19 +21,13 @@ from sada_gym import attack, make_application
 from sada_gym.application import Application
 from sada_gym.foundations.arrays import Bools
 from sada_gym.measures.groups import distinct
-from sada_gym.measures.rates import wilson_interval
 from sada_gym.parameters import Mu
+from studies.shares import share
 
 TRACK = "SADA-Photos-Street-v0"
 NOMINAL, UNIFORM = 200, 400
 SEVERITIES = 5
 SAMPLES = 100
-
-
-def share(count: int, total: int) -> str:
-    """Write a share with its interval."""
-    low, high = wilson_interval(count, total)
-    return f"{100 * count / total:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def rates(application: Application) -> None:
@@ -43,7 +37,7 @@ def rates(application: Application) -> None:
     uniform = rng.uniform(-1.0, 1.0, (UNIFORM, usual.shape[1])).astype(np.float32)
     for name, mu in (("nominal", usual), ("uniform", uniform)):
         seeds = rng.integers(0, 2**31, len(mu)).tolist()
-        print(name, share(int(application.evaluate(mu, seeds).fooled.sum()), len(mu)))
+        print(name, share(application.evaluate(mu, seeds).fooled))
 
 
 def severities(application: Application) -> Mu:

@@ -24,7 +24,7 @@ from sada_gym.envs.quadrotor.behaviour import behaviour
 from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
 from sada_gym.envs.quadrotor.start import QuadrotorStart
 from sada_gym.foundations.cards import find_card
-from sada_gym.measures.rates import wilson_interval
+from studies.shares import share
 
 CARD = find_card("SADA-Quadrotor")
 NOMINAL, UNIFORM, EACH = 200, 2_000, 50
@@ -38,12 +38,6 @@ BUILT = {
 }
 """The platforms' own figures, from l2f's files; mass and arms are as built, too."""
 TORQUES_TO_INERTIA = (100.0, 200.0, 400.0, 600.0, 900.0, 1200.0)
-
-
-def share(fooled: np.ndarray) -> str:
-    """Write a share with its interval."""
-    low, high = wilson_interval(int(fooled.sum()), len(fooled))
-    return f"{100 * fooled.mean():.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def rates(application: Application) -> list[str]:

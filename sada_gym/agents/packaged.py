@@ -37,7 +37,7 @@ def package_files(agent: PackagedAgent) -> dict[str, Path]:
     Raises:
         MissingPart: If the package, or one of the files, is missing or another than was measured.
     """
-    if sentence := missing_packages({agent.package: agent.version}):
+    if sentence := missing_packages(agent.needs):
         raise MissingPart(sentence)
     installed, paths = distribution(agent.package), {}
     for member, sha256 in agent.members.items():

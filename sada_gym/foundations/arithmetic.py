@@ -24,6 +24,7 @@ CANONICAL = "AVX2"
 _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 _CHOSEN = {"MKL_CBWR": "COMPATIBLE", "ONEDNN_MAX_CPU_ISA": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
 _MKL_BRANCH, _MKL_COMPATIBLE = 1, 3
+_FIRST_PROCESSOR = 4_096
 _WIDER = ("X86_V4", "AVX512")
 _OWN = "this processor's own"
 
@@ -86,7 +87,8 @@ def _numpy_variables() -> dict[str, str]:
 def _has_wider() -> bool:
     """Say whether the processor has what OpenCV's widest kernels need; elsewhere it complains."""
     try:
-        return " avx512bw " in Path("/proc/cpuinfo").read_text()
+        with open("/proc/cpuinfo") as file:  # the first processor is enough: there may be hundreds
+            return " avx512bw " in file.read(_FIRST_PROCESSOR)
     except OSError:
         return False
 

@@ -101,6 +101,11 @@ class PackagedAgent:
     nominal: str
     licence: str
 
+    @property
+    def needs(self) -> dict[str, str]:
+        """The version that its package must have, by the name that pip knows."""
+        return {self.package: self.version}
+
 
 @dataclass(frozen=True)
 class SuiteCard:
@@ -122,6 +127,17 @@ class SuiteCard:
     images: int = 4
     overview: bool = True
     adversaries: tuple[str, ...] = ()
+
+
+def small_suite(name: str, *controls: str) -> SuiteCard:
+    """Return the suite of an application whose worlds are slow: one adversary of each kind.
+
+    `controls` are rows beside them.
+    """
+    kinds = ("random", "gmm50", "gp", "bbgan", "bbgan-boost", "trees", "level-set")
+    return SuiteCard(
+        name, ("equal-queries",), images=0, overview=False, adversaries=(*controls, *kinds)
+    )
 
 
 @dataclass(frozen=True)

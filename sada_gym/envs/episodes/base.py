@@ -100,6 +100,10 @@ class Episodes(ABC, Generic[StartT]):
             )
         return copied
 
+    def info(self, i: int) -> dict[str, Any]:  # noqa: ARG002
+        """Say what became of episode i, where a world is one episode: JSON-compatible."""
+        return {}
+
     def where(self, i: int) -> str:
         """Say in a few words where episode i is, for messages."""
         return f"step {self.steps[i]}"

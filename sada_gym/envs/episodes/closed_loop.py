@@ -17,7 +17,7 @@ from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Application, isolated_rng, validate_world
+from sada_gym.application import Application, Scored, isolated_rng, validate_world
 from sada_gym.envs.episodes.base import Episodes, EpisodesT, Rollout, play, record
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import Behaviour
@@ -135,6 +135,17 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
             episodes = self.episodes(mu[worlds], seeds[worlds])
             play(agent, episodes)
             yield worlds, episodes
+
+    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        """Score each world by its one episode, whose `info` becomes the world's.
+
+        A subclass with several episodes a world puts their scores together itself.
+        """
+        scores, extras = [], []
+        for _, episodes in self._played(self.policy, mu, seeds):
+            scores.append(episodes.score)
+            extras += [episodes.info(i) for i in range(len(episodes))]
+        return Scored(np.concatenate(scores), extras)
 
     def privileged_score(
         self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None

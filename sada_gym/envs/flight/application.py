@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from sada_gym.agents.packaged import missing_packages, package_files
-from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.envs.flight.card import CARD
 from sada_gym.envs.flight.episodes import FlightEpisodes
@@ -117,14 +114,7 @@ class FlightApplication(SimulatorApplication[FlightEpisodes]):
             ]
         )
 
-    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scores, extras = [], []
-        for _, flights in self._played(self.policy, mu, seeds):
-            scores.append(flights.score)
-            extras += [flights.info(i) for i in range(len(flights))]
-        return Scored(np.concatenate(scores), extras)
-
 
 def missing() -> str:
     """Say what has to be installed for JSBSim; empty where all is there."""
-    return missing_packages({"jsbsim": "1.3.3"})
+    return missing_packages(CARD.packaged[0].needs)

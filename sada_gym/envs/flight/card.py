@@ -1,6 +1,6 @@
 """The card of the flight."""
 
-from sada_gym.foundations.cards import ApplicationCard, PackagedAgent, SuiteCard
+from sada_gym.foundations.cards import ApplicationCard, PackagedAgent, small_suite
 
 _FILES = {
     f"jsbsim/{path}.xml": sha256
@@ -70,11 +70,5 @@ CARD = ApplicationCard(
     packages=("jsbsim",),
     reference_points=1_500,
     reference_seeds=2,
-    suite=SuiteCard(
-        name="flight",
-        tables=("equal-queries",),
-        images=0,
-        overview=False,
-        adversaries=("random", "gmm50", "gp", "bbgan", "bbgan-boost", "trees", "level-set"),
-    ),
+    suite=small_suite("flight"),
 )

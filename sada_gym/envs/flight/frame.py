@@ -56,8 +56,7 @@ def summary(rollouts: Sequence[Rollout[FlightStart]]) -> Frame:
     """Draw the end of the flight, with what happened and the conditions."""
     (rollout,) = rollouts
     values = rollout.start.conditions.values()
-    written = [one.text(x) for one, x in zip(PARAMETERS.parameters, values, strict=True)]
-    lines = [", ".join(written[k : k + 4]) for k in range(0, len(written), 4)]
+    lines = PARAMETERS.lines(values, 4)
     end = FlightEnd(int(rollout["told"][-1, 3])).name.lower()
     title = (
         f"{rollout.start.built.title} at {rollout.start.speed_kt:.0f} kt: {end} after "

@@ -10,7 +10,6 @@ import numpy as np
 
 from sada_gym import agents
 from sada_gym.agents.packaged import missing_packages
-from sada_gym.application import Scored
 from sada_gym.envs.episodes.base import Rollout
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.envs.go2.episodes import FILM_STEPS, Go2Episodes
@@ -125,13 +124,6 @@ class Go2Application(SimulatorApplication[Go2Episodes]):
     def _take(self, rollouts: list[Rollout[Any]], i: int) -> Take:
         failed = rollouts[i].score <= FOOLED  # the last centimetres of a way are no failure
         return replace(super()._take(rollouts, i), failed=failed)
-
-    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scores, extras = [], []
-        for _, walks in self._played(self.policy, mu, seeds):
-            scores.append(walks.score)
-            extras += [walks.info(i) for i in range(len(walks))]
-        return Scored(np.concatenate(scores), extras)
 
 
 def missing() -> str:

@@ -1,6 +1,6 @@
 """The card of the Go2."""
 
-from sada_gym.foundations.cards import ApplicationCard, FetchedAgent, SuiteCard
+from sada_gym.foundations.cards import ApplicationCard, FetchedAgent, small_suite
 
 _MESHES = {
     "base_0": "8cdc53719002a5ee737d867904e534a6d6fa930b616bdcc1b3131e577d4e46c0",
@@ -62,11 +62,5 @@ CARD = ApplicationCard(
     packages=("mujoco", "onnxruntime"),
     reference_points=2_000,
     reference_seeds=2,
-    suite=SuiteCard(
-        name="go2",
-        tables=("equal-queries",),
-        images=0,
-        overview=False,
-        adversaries=("random", "gmm50", "gp", "bbgan", "bbgan-boost", "trees", "level-set"),
-    ),
+    suite=small_suite("go2"),
 )

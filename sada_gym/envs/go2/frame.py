@@ -50,8 +50,7 @@ def summary(rollouts: Sequence[Rollout[Go2Start]]) -> Frame:
     """Draw the end of the walk, with what happened and the conditions."""
     (rollout,) = rollouts
     values = rollout.start.conditions.values()
-    written = [one.text(x) for one, x in zip(PARAMETERS.parameters, values, strict=True)]
-    lines = [", ".join(written[k : k + 4]) for k in range(0, len(written), 4)]
+    lines = PARAMETERS.lines(values, 4)
     done, _, end = rollout["told"][-1].tolist()
     fell = ", then it fell" if end > WalkEnd.WALKED else ""
     title = f"{done:.0%} of the way done in {rollout.last / POLICY_HZ:.1f} s{fell}"

@@ -12,6 +12,7 @@ import math
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -117,21 +118,28 @@ def read_image(path: Path) -> Bytes:
     Raises:
         FileError: If it is no image, is damaged, or has more than `MAX_PIXELS`.
     """
+    with _opened(path) as opened:
+        picture: Any = ImageOps.exif_transpose(opened)
+        if picture.mode.startswith("I"):
+            grey = np.asarray(picture, np.int64)
+            top = 257 if picture.mode.startswith("I;16") or grey.max(initial=0) > 255 else 1
+            picture = Image.fromarray((grey // top).clip(0, 255).astype(np.uint8))
+        if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
+            own = picture.convert("RGBA")
+            white = Image.new("RGBA", own.size, "white")
+            picture = Image.alpha_composite(white, own)
+        return np.array(picture.convert("RGB"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open an image, whose header is checked; what fails in the block is told as the file's."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as opened:
                 _check_size(opened.size, path)
-                picture: Any = ImageOps.exif_transpose(opened)
-                if picture.mode.startswith("I"):
-                    grey = np.asarray(picture, np.int64)
-                    top = 257 if picture.mode.startswith("I;16") or grey.max(initial=0) > 255 else 1
-                    picture = Image.fromarray((grey // top).clip(0, 255).astype(np.uint8))
-                if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
-                    own = picture.convert("RGBA")
-                    white = Image.new("RGBA", own.size, "white")
-                    picture = Image.alpha_composite(white, own)
-                return np.array(picture.convert("RGB"))
+                yield opened
     except FileError:
         raise
     except Exception as error:  # Pillow's readers raise whatever a damaged file leads to
@@ -260,22 +268,11 @@ def _unreadable(found: ImageSet, *, decode: bool) -> dict[int, FileError]:
             if decode:
                 read_image(source)
             else:
-                _read_header(source)
+                with _opened(source):
+                    pass
         except FileError as error:
             errors[i] = error
     return errors
-
-
-def _read_header(path: Path) -> None:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path) as opened:
-                _check_size(opened.size, path)
-    except FileError:
-        raise
-    except Exception:
-        read_image(path)  # it says what is wrong
 
 
 def _leave_out(found: ImageSet, unreadable: Mapping[int, FileError]) -> None:

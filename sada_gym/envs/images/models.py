@@ -27,6 +27,7 @@ from sada_gym.envs.images.dataset import Task
 from sada_gym.errors import UserError, UserTypeError, check_known, explained
 from sada_gym.foundations.arrays import Bytes, Floats
 from sada_gym.foundations.cards import fetchable
+from sada_gym.foundations.determinism import one_thread
 from sada_gym.foundations.files import read_file
 from sada_gym.foundations.lazy import load
 
@@ -105,14 +106,6 @@ class Model:
         used = f"{self._weights} {self.task} {self._preparation} {self.device.partition(':')[0]}"
         return hashlib.sha256(used.encode()).hexdigest()
 
-    def start(self, count: int) -> None:
-        """Begin with `count` new images; the model remembers no others."""
-
-    def act(self, episodes: Sequence[Bytes], which: Any = None) -> list[Found]:
-        """Look at images, or at some of them, one after another."""
-        chosen = episodes if which is None else [episodes[i] for i in which]
-        return [self.found(image) for image in chosen]
-
     def found(self, image: Bytes) -> Found:
         """Tell what is in an image (height, width, 3) uint8.
 
@@ -120,8 +113,6 @@ class Model:
             UserError: If the network cannot take it, or breaks its convention.
         """
         import torch
-
-        from sada_gym.foundations.determinism import one_thread
 
         expected = f"Expected an answer of the model to an image of {image.shape}"
         with one_thread(), torch.inference_mode(), explained(expected, _CONVENTIONS[self.task]):
@@ -240,14 +231,6 @@ class OnnxModel:
     def fingerprint(self) -> str:
         """SHA-256 over the file and how it is used."""
         return hashlib.sha256(self._content + str(self._preparation).encode()).hexdigest()
-
-    def start(self, count: int) -> None:
-        """Begin with `count` new images; the model remembers no others."""
-
-    def act(self, episodes: Sequence[Bytes], which: Any = None) -> list[Found]:
-        """Look at images, or at some of them, one after another."""
-        chosen = episodes if which is None else [episodes[i] for i in which]
-        return [self.found(image) for image in chosen]
 
     def found(self, image: Bytes) -> Found:
         """Tell what is in an image, see `Model.found`."""

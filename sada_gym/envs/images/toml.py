@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from sada_gym.agents.agent_files import ONNX, TORCHSCRIPT
 from sada_gym.envs.images.application import ImageApplication
-from sada_gym.envs.wrapped.toml import check_types, imported, toml_types
+from sada_gym.envs.wrapped.toml import argument_keys, check_types, imported
 from sada_gym.errors import UserError, check_known
 from sada_gym.foundations.cards import fetchable
 
@@ -27,16 +26,13 @@ def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageA
         UserError: If a key is unknown or missing, a value has the wrong type, or the application
             raises it.
     """
-    hints = {
-        **get_type_hints(ImageApplication.__init__),
-        "images": str | list[str],
-        "agent": str,
-        "labels": str | bool | list[int],
-        "conditions": str | list[str] | dict[str, Any],
-    }
-    keys = {
-        name: toml_types(hints[name]) for name in inspect.signature(ImageApplication).parameters
-    }
+    keys, _ = argument_keys(
+        ImageApplication,
+        images=str | list[str],
+        agent=str,
+        labels=str | bool | list[int],
+        conditions=str | list[str] | dict[str, Any],
+    )
     check_known(f"key in {path}", table, [*keys])
     if agent is None and "agent" not in table:
         raise UserError(f"Expected the key 'agent' in {path}, got none. Add it to the file.")

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.envs.metadrive.episodes import UNFINISHED, DriveEpisodes
 from sada_gym.envs.metadrive.start import (
@@ -112,10 +111,3 @@ class MetaDriveApplication(SimulatorApplication[DriveEpisodes]):
             scene = TRAINING_SCENES + scene % (SCENES - TRAINING_SCENES)
             starts.append(DriveStart(PARAMETERS.describe(row), scene, number))
         return DriveEpisodes(starts)
-
-    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scores, extras = [], []
-        for _, drive in self._played(self.policy, mu, seeds):
-            scores.append(drive.score)
-            extras.append(drive.info(0))
-        return Scored(np.concatenate(scores), extras)

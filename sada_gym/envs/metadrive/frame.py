@@ -45,8 +45,7 @@ def summary(rollouts: Rollouts) -> Frame:
     """Draw the end of the drive, with what happened and the conditions."""
     (rollout,) = rollouts
     values = rollout.start.conditions.values()
-    written = [one.text(x) for one, x in zip(PARAMETERS.parameters, values, strict=True)]
-    lines = [", ".join(written[k : k + 3]) for k in range(0, len(written), 3)]
+    lines = PARAMETERS.lines(values, 3)
     end = DriveEnd(int(rollout["ending"][-1])).words
     title = f"{end} after {rollout.last / POLICY_HZ:.1f} s, Q {rollout.score:.2f}"
     text = caption("\n".join([title, *lines]), WIDTH, _TEXT)

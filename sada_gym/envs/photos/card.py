@@ -1,7 +1,7 @@
 """The card of photographs."""
 
 from sada_gym.envs.detection.card import CARD as DETECTION
-from sada_gym.foundations.cards import ApplicationCard, SuiteCard
+from sada_gym.foundations.cards import ApplicationCard, small_suite
 
 CARD = ApplicationCard(
     name="SADA-Photos",
@@ -18,20 +18,5 @@ CARD = ApplicationCard(
     packages=("torch", "opencv-python-headless", "opencv-python"),
     reference_points=2_000,
     reference_seeds=2,
-    suite=SuiteCard(
-        name="photos",
-        tables=("equal-queries",),
-        images=0,
-        overview=False,
-        adversaries=(
-            "ideal",
-            "random",
-            "gmm50",
-            "gp",
-            "bbgan",
-            "bbgan-boost",
-            "trees",
-            "level-set",
-        ),
-    ),
+    suite=small_suite("photos", "ideal"),
 )

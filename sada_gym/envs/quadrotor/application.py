@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from sada_gym.agents.packaged import missing_packages
-from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
+from sada_gym.envs.quadrotor.card import CARD
 from sada_gym.envs.quadrotor.episodes import FILM_STEPS, QuadrotorEpisodes
 from sada_gym.envs.quadrotor.start import PARAMETERS, POLICY_HZ, QuadrotorStart
 from sada_gym.parameters import Mu
@@ -115,14 +113,7 @@ class QuadrotorApplication(SimulatorApplication[QuadrotorEpisodes]):
             ]
         )
 
-    def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scores, extras = [], []
-        for _, flights in self._played(self.policy, mu, seeds):
-            scores.append(flights.score)
-            extras += [flights.info(i) for i in range(len(flights))]
-        return Scored(np.concatenate(scores), extras)
-
 
 def missing() -> str:
     """Say what has to be installed for RAPTOR; empty where all is there."""
-    return missing_packages({"foundation-policy": "1.0.2", "h5py": ""})
+    return missing_packages({**CARD.packaged[0].needs, "h5py": ""})

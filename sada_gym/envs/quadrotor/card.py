@@ -1,6 +1,6 @@
 """The card of the quadrotor."""
 
-from sada_gym.foundations.cards import ApplicationCard, PackagedAgent, SuiteCard
+from sada_gym.foundations.cards import ApplicationCard, PackagedAgent, small_suite
 
 CARD = ApplicationCard(
     name="SADA-Quadrotor",
@@ -32,12 +32,5 @@ CARD = ApplicationCard(
     packages=("foundation-policy", "h5py", "numba"),
     reference_points=10_000,
     reference_seeds=4,
-    suite=SuiteCard(
-        name="quadrotor",
-        tables=("equal-queries",),
-        seeds=1,
-        images=0,
-        overview=False,
-        adversaries=("random", "gmm50", "gp", "bbgan", "bbgan-boost", "trees", "level-set"),
-    ),
+    suite=small_suite("quadrotor"),
 )

@@ -152,16 +152,25 @@ def application_of(table: Mapping[str, Any], path: Path, *, agent: Any = None) -
 
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     """Return the types of the keys of a file, and the keys that must be there."""
-    constructor: Any = GymnasiumApplication.__init__
-    hints = {
-        **get_type_hints(constructor, localns=_NAMES),
-        "environment": str | list[str],
-        "agent": str | list[str],
-        "privileged": str | list[str],
-        "valid": str,
-        "feasible": str | list[str],
-    }
-    arguments = [*inspect.signature(GymnasiumApplication).parameters.values()]
+    texts = str | list[str]
+    return argument_keys(
+        GymnasiumApplication,
+        environment=texts,
+        agent=texts,
+        privileged=texts,
+        valid=str,
+        feasible=texts,
+    )
+
+
+def argument_keys(kind: Any, **others: Any) -> tuple[dict[str, list[type]], list[str]]:
+    """Return the types in TOML of a class's arguments, and those that must be there.
+
+    `others` are the annotations of what a file writes otherwise than Python does.
+    """
+    constructor: Any = kind.__init__
+    hints = {**get_type_hints(constructor, localns=_NAMES), **others}
+    arguments = [*inspect.signature(kind).parameters.values()]
     required = [argument.name for argument in arguments if argument.default is argument.empty]
     return {argument.name: toml_types(hints[argument.name]) for argument in arguments}, required
 

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sqlite3
-import subprocess
-import sys
-import time
-from contextlib import closing
-
 import numpy as np
 import pytest
+from killed_runs import killed_early
 
 from sada_gym import attack
 from sada_gym.errors import UserError
@@ -46,15 +39,7 @@ def test_a_batch_has_the_scores_of_each_world_alone():
 
 
 def test_workers_and_a_killed_run_have_the_same_bits(tmp_path):
-    (tmp_path / "run.py").write_text(SCRIPT)
-    path = {"PYTHONPATH": os.pathsep.join([os.getcwd(), *sys.path])}
-    command = [sys.executable, str(tmp_path / "run.py"), str(tmp_path / "killed")]
-    process = subprocess.Popen(command, env={**os.environ, **path})
-    while process.poll() is None and committed(tmp_path / "killed" / "run.sqlite") < 3:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert 3 <= committed(tmp_path / "killed" / "run.sqlite") < 11
+    assert 3 <= killed_early(tmp_path, SCRIPT) < 11
     runs = [
         attack(driving(num_envs=1), "random", out=tmp_path / name, **options, **SETTINGS)
         for name, options in {
@@ -66,11 +51,3 @@ def test_workers_and_a_killed_run_have_the_same_bits(tmp_path):
     for run in runs[1:]:
         assert (run.samples.score == runs[0].samples.score).all()
         assert (run.queries.score == runs[0].queries.score).all()
-
-
-def committed(store):
-    try:
-        with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True)) as connection:
-            return connection.execute("SELECT count(*) FROM evaluation").fetchone()[0]
-    except sqlite3.Error:
-        return 0

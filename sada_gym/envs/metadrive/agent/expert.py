@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sada_gym.agents.dense import dense
 from sada_gym.envs.metadrive.episodes import DriveEpisodes
 from sada_gym.foundations.arrays import Floats, Indices
 from sada_gym.foundations.compiled import kernel
@@ -57,19 +58,10 @@ def load(files: Mapping[str, Path]) -> Expert:
 
 @kernel
 def _act(inputs: Floats, weights: tuple[Floats, ...], biases: tuple[Floats, ...]) -> Floats:
-    first = _dense(inputs, weights[0], biases[0])
+    first = dense(inputs, weights[0], biases[0])
     for unit in range(len(first)):
         first[unit] = math.tanh(first[unit])
-    second = _dense(first, weights[1], biases[1])
+    second = dense(first, weights[1], biases[1])
     for unit in range(len(second)):
         second[unit] = math.tanh(second[unit])
-    return _dense(second, weights[2], biases[2])
-
-
-@kernel
-def _dense(inputs: Floats, weights: Floats, biases: Floats) -> Floats:
-    outputs = biases.copy()
-    for k in range(len(inputs)):
-        for unit in range(len(outputs)):
-            outputs[unit] += weights[k, unit] * inputs[k]
-    return outputs
+    return dense(second, weights[2], biases[2])

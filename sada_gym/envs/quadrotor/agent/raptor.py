@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sada_gym.agents.dense import dense
 from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
 from sada_gym.foundations.arrays import Floats, Floats32, Indices
 from sada_gym.foundations.compiled import kernel
@@ -84,15 +85,6 @@ def exponential(x: float) -> float:
 
 
 @kernel
-def _dense(weights: Floats, biases: Floats, inputs: Floats) -> Floats:
-    outputs = biases.copy()
-    for k in range(len(inputs)):
-        for unit in range(len(outputs)):
-            outputs[unit] += weights[k, unit] * inputs[k]
-    return outputs
-
-
-@kernel
 def _act(
     which: Indices,
     observed: Floats32,
@@ -104,13 +96,13 @@ def _act(
     """Choose the actions (k, 4) in some flights, and change their `states` (n, 16) in place."""
     for row, i in enumerate(which):
         state = states[i]
-        first = np.maximum(_dense(weights[0], biases[0], observed[row].astype(np.float64)), 0.0)
-        inner = _dense(weights[1], biases[1], first)
-        hidden = _dense(weights[2], biases[2], state)
+        first = np.maximum(dense(observed[row].astype(np.float64), weights[0], biases[0]), 0.0)
+        inner = dense(first, weights[1], biases[1])
+        hidden = dense(state, weights[2], biases[2])
         for unit in range(_UNITS):
             kept, new = _UNITS + unit, 2 * _UNITS + unit
             reset = 1.0 / (1.0 + exponential(-inner[unit] - hidden[unit]))
             update = 1.0 / (1.0 + exponential(-inner[kept] - hidden[kept]))
             doubled = exponential(2.0 * (reset * hidden[new] + inner[new]))
             state[unit] = update * state[unit] + (1.0 - update) * (1.0 - 2.0 / (doubled + 1.0))
-        actions[row] = _dense(weights[3], biases[3], state)
+        actions[row] = dense(state, weights[3], biases[3])
