@@ -137,11 +137,12 @@ class FlightEpisodes(Episodes[FlightStart]):
 
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some aircraft, whose flights are under way, fly for a quarter of a second."""
-        controls = self._validate_actions(which, actions).tolist()
-        self.steps[which] += 1
-        for i, control in zip(which.tolist(), controls, strict=True):
+        if actions.any() or actions.shape != (len(which), 4):  # the autopilot's are zeros
+            actions = np.clip(self._validate_actions(which, actions), -1.0, 1.0)
+        for i, control in zip(which.tolist(), actions.tolist(), strict=True):
             flight = self._flight(i)
-            flight.fly([min(max(x, -1.0), 1.0) for x in control])
+            flight.fly(control)
+            self.steps[i] += 1
             self._judge(i, flight.state())
 
     def close(self) -> None:

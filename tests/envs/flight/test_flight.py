@@ -252,6 +252,19 @@ class TestApplication:
         assert flights.render(np.array([0])).shape == (1, UPPER, WIDTH, 3)
         flights.close()
 
+    @pytest.mark.parametrize("actions", [np.zeros((1, 3)), np.full((1, 4), np.nan)])
+    def test_actions_of_another_shape_or_none_are_refused(self, actions):
+        with pytest.raises(ValueError, match=r"Expected (finite )?actions"):
+            FlightEpisodes([start()]).step(np.array([0]), actions)
+
+    def test_the_autopilot_may_stay_on_under_an_agent_of_ones_own(self):
+        flights = FlightEpisodes([start("c310", turbulence=0.0) for _ in range(2)])
+        flights.engage(np.array([1]))
+        for _ in range(30 * POLICY_HZ):
+            flights.step(np.arange(2), np.tile([0.05, 0.0, 0.0, 0.0], (2, 1)))
+        alone, helped = flights.states[:, 0]
+        assert helped > alone + 50.0
+
     def test_unknown_aircraft_are_refused(self):
         with pytest.raises(ValueError, match=r"aircraft to be one of c172, c310, global5000"):
             FlightApplication("b747")
