@@ -16,7 +16,7 @@ from sada_gym.envs.go2.start import STEPS, SUBSTEPS, Go2Start
 from sada_gym.envs.go2.world.robot import model
 from sada_gym.foundations.determinism import one_thread
 
-pytestmark = [needs("mujoco", "onnxruntime"), pytest.mark.skipif(bool(CARD.missing), reason="")]
+pytestmark = [needs("mujoco"), pytest.mark.skipif(bool(CARD.missing), reason="")]
 
 WORLDS = 4
 FOUND: dict[str, float] = {}

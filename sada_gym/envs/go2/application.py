@@ -128,7 +128,7 @@ class Go2Application(SimulatorApplication[Go2Episodes]):
 
 def missing() -> str:
     """Say what has to be installed or fetched before the ids work; empty where all is there."""
-    sentences = [missing_packages({"mujoco": "", "onnxruntime": ""})]
+    sentences = [missing_packages({"mujoco": ""})]
     try:
         agents.check_agent("go2-walk", Go2Application.name)
     except FileError as error:

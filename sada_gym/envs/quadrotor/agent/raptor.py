@@ -8,13 +8,12 @@ the package's own `evaluate_step`.
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from sada_gym.agents.dense import dense
+from sada_gym.agents.layers import dense, exponential
 from sada_gym.envs.quadrotor.episodes import QuadrotorEpisodes
 from sada_gym.foundations.arrays import Floats, Floats32, Indices
 from sada_gym.foundations.compiled import kernel
@@ -23,12 +22,6 @@ _WEIGHTS = ("0/weights", "1/weights_input", "1/weights_hidden", "2/weights")
 _BIASES = ("0/biases", "1/biases_input", "1/biases_hidden", "2/biases")
 _INITIAL = "1/initial_hidden_state"
 _UNITS = 16
-_MOST = 600.0
-"""The greatest exponent, far beyond all that occur."""
-_POWERS = np.array([2.0**power for power in range(-900, 901)])
-_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
-"""The logarithm of 2 in two parts; the first has few digits, so that its multiples are exact."""
-_TERMS = np.array([1.0 / math.factorial(n) for n in range(13, -1, -1)])
 
 
 class Raptor:
@@ -67,21 +60,6 @@ def load(files: Mapping[str, Path]) -> Raptor:
     with h5py.File(path, "r") as file:
         layers, names = file["actor/layers"], (*_WEIGHTS, *_BIASES, _INITIAL)
         return Raptor({name: layers[f"{name}/parameters"][()] for name in names})
-
-
-@kernel
-def exponential(x: float) -> float:
-    """Return e to the x by sums and products alone, so that the bits are the same everywhere.
-
-    It is off by one in the last place at most; exponents beyond 600 are cut off.
-    """
-    x = min(max(x, -_MOST), _MOST)
-    power = math.floor(x * 1.4426950408889634 + 0.5)
-    rest = (x - power * _LN2_HIGH) - power * _LN2_LOW
-    value = 0.0
-    for k in range(14):
-        value = value * rest + _TERMS[k]
-    return float(value * _POWERS[int(power) + 900])
 
 
 @kernel
