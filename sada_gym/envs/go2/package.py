@@ -96,10 +96,10 @@ def convert(members: Mapping[str, bytes]) -> bytes:
         "faces": faces,
         "colours": painted,
     }
-    return save(
-        {"mjcf": np.frombuffer(members[MJCF], np.uint8), **_layers(members[POLICY])}
-        | {name: np.concatenate(parts) for name, parts in arrays.items()}
-    )
+    found: dict[str, npt.NDArray[Any]] = {"mjcf": np.frombuffer(members[MJCF], np.uint8)}
+    found |= _layers(members[POLICY])
+    found |= {name: np.concatenate(parts) for name, parts in arrays.items()}
+    return save(found)
 
 
 def _layers(policy: bytes) -> dict[str, Floats32]:
