@@ -112,6 +112,7 @@ class SuiteCard:
     """The suite of an application's tracks in `sada-gym benchmark`.
 
     Attributes:
+        tracks: The suffixes of the tracks that take part; empty for all.
         tables: The names of its tables: `paper-budgets`, `equal-queries`. The first of them,
             with the default agent, is the comparison that the overviews show.
         seeds_of: Other numbers of seeds than `seeds` for some tracks, by suffix.
@@ -121,6 +122,7 @@ class SuiteCard:
     """
 
     name: str
+    tracks: tuple[str, ...] = ()
     tables: tuple[str, ...] = ("paper-budgets",)
     seeds: int = 1
     seeds_of: Mapping[str, int] = field(default_factory=dict)
@@ -129,15 +131,14 @@ class SuiteCard:
     adversaries: tuple[str, ...] = ()
 
 
-def small_suite(name: str, *controls: str) -> SuiteCard:
+def small_suite(name: str, *controls: str, tracks: tuple[str, ...] = ()) -> SuiteCard:
     """Return the suite of an application whose worlds are slow: one adversary of each kind.
 
-    `controls` are rows beside them.
+    `controls` are rows beside them; `tracks` are the suffixes of those that take part, or all.
     """
     kinds = ("random", "gmm50", "gp", "bbgan", "bbgan-boost", "trees", "level-set")
-    return SuiteCard(
-        name, ("equal-queries",), images=0, overview=False, adversaries=(*controls, *kinds)
-    )
+    rows = (*controls, *kinds)
+    return SuiteCard(name, tracks, ("equal-queries",), images=0, overview=False, adversaries=rows)
 
 
 @dataclass(frozen=True)

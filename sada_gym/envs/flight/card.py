@@ -70,5 +70,5 @@ CARD = ApplicationCard(
     packages=("jsbsim",),
     reference_points=1_500,
     reference_seeds=2,
-    suite=small_suite("flight"),
+    suite=small_suite("flight", tracks=("C310",)),
 )
