@@ -99,8 +99,10 @@ def warped(image: Bytes, origin: Move) -> Bytes:
     fine = cv2.resize(coarse, (_STEP * x.shape[1], _STEP * x.shape[0]))
     inner = fine[_STEP : _STEP + rows, _STEP : _STEP + columns]
     # a mirrored edge would show objects that no label knows
-    grey = (_GREY, _GREY, _GREY)
-    result: Bytes = cv2.remap(image, inner, None, cv2.INTER_LINEAR, borderValue=grey)
+    grey = (_GREY, _GREY, _GREY, 0)
+    four = cv2.cvtColor(image, cv2.COLOR_RGB2RGBA)  # moved twice as fast as three channels
+    moved = cv2.remap(four, inner, None, cv2.INTER_LINEAR, borderValue=grey)
+    result: Bytes = cv2.cvtColor(moved, cv2.COLOR_RGBA2RGB)
     return result
 
 

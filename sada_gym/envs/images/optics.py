@@ -30,7 +30,9 @@ AIR_LIGHT = 0.7
 """What fog of no visibility looks like, in linear light."""
 _KOSCHMIEDER = 3.912  # the contrast that is still visible is 2 %
 _NORMALS = 2**20 + 7  # no multiple of a row, so that repetitions do not show
+_BLOCK = 1_024
 _GREY = 0.18
+_BLACK, _WHITE, _BROWN = np.array([(0, 0, 0), (255, 255, 255), (70, 60, 50)], np.float32)
 _LONGEST_LINE = 11  # longer kernels are slower by a Fourier transform
 
 
@@ -198,12 +200,19 @@ def noisy(image: Bytes, values: Values, rng: np.random.Generator) -> Bytes:
 def _with_noise(image: Bytes, scale: Floats32, normals: Floats32, first: int) -> Bytes:
     result = np.empty_like(image)
     given, noisy = image.reshape(-1), result.reshape(-1)
-    for begin in range(-first, len(given), len(normals)):
-        for i in range(max(begin, 0), min(begin + len(normals), len(given))):
-            value = np.float32(given[i]) + scale[given[i]] * normals[i - begin]
-            noisy[i] = np.uint8(
-                min(max(value, np.float32(0.0)), np.float32(255.0)) + np.float32(0.5)
+    deviations = np.empty(_BLOCK, np.float32)
+    begin = 0
+    while begin < len(given):
+        count = min(_BLOCK, len(given) - begin, len(normals) - first)
+        values, normal = given[begin : begin + count], normals[first : first + count]
+        for i in range(count):  # looked up beforehand, the rest is computed many at a time
+            deviations[i] = scale[values[i]]
+        for i in range(count):
+            value = np.float32(values[i]) + deviations[i] * normal[i]
+            noisy[begin + i] = np.uint8(
+                np.int32(min(max(value, np.float32(0.0)), np.float32(255.0)) + np.float32(0.5))
             )
+        begin, first = begin + count, (first + count) % len(normals)
     return result
 
 
@@ -285,8 +294,7 @@ def sunlit(image: Bytes, values: Values, _: np.random.Generator) -> Bytes:
     light = strength * (1.5 * np.exp(-6.0 * away) + 0.25)
     glare = cv2.resize(np.rint(255.0 * encoded(light)).astype(np.uint8), (columns, rows))
     # the two images' screen: nearly their sum in linear light, and never above white
-    result: Bytes = 255 - cv2.multiply(255 - image, _three(255 - glare), scale=1.0 / 255.0)
-    return result
+    return _painted(image, glare, _WHITE)
 
 
 def shaded(image: Bytes, values: Values, rng: np.random.Generator) -> Bytes:
@@ -302,8 +310,7 @@ def shaded(image: Bytes, values: Values, rng: np.random.Generator) -> Bytes:
     beyond = np.clip(20.0 * (x * np.cos(angle) + y * np.sin(angle) - place) + 0.5, 0.0, 1.0)
     kept = 1.0 - beyond * (1.0 - 2.0 ** (-stops / 2.2))
     mask = cv2.resize(np.rint(255.0 * kept).astype(np.uint8), (columns, rows))
-    result: Bytes = cv2.multiply(image, _three(mask), scale=1.0 / 255.0)
-    return result
+    return _painted(image, ~mask, _BLACK)
 
 
 def dirtied(image: Bytes, values: Values, rng: np.random.Generator) -> Bytes:
@@ -314,18 +321,28 @@ def dirtied(image: Bytes, values: Values, rng: np.random.Generator) -> Bytes:
     field = cv2.GaussianBlur(rng.random((24, 32)), (0, 0), 1.5)
     level = np.quantile(field, 1.0 - share)
     cover = np.clip(0.5 + (field - level) / (0.5 * field.std()), 0.0, 1.0)
-    mask = _three(cv2.resize(np.rint(230.0 * cover).astype(np.uint8), (columns, rows)))
-    dirt = np.empty_like(image)
-    dirt[:] = (70, 60, 50)
-    clear = cv2.multiply(image, cv2.subtract(255, mask), scale=1.0 / 255.0)
-    result: Bytes = cv2.add(clear, cv2.multiply(dirt, mask, scale=1.0 / 255.0))
+    mask = cv2.resize(np.rint(230.0 * cover).astype(np.uint8), (columns, rows))
+    return _painted(image, mask, _BROWN)
+
+
+@kernel
+def _painted(image: Bytes, mask: Any, colour: Floats32) -> Bytes:
+    """Let a colour, (3,), cover an image where a mask, (height, width) uint8, is 255."""
+    rows, columns = mask.shape
+    result = np.empty_like(image)
+    clear, paint = np.empty(3 * columns, np.float32), np.empty(3 * columns, np.float32)
+    half, full = np.float32(0.5), np.float32(1.0 / 255.0)
+    for row in range(rows):
+        for column in range(columns):
+            for channel in range(3):
+                cover = np.float32(mask[row, column])
+                clear[3 * column + channel] = np.float32(255.0) - cover
+                paint[3 * column + channel] = colour[channel] * cover
+        given, painted = image[row].reshape(-1), result[row].reshape(-1)
+        for i in range(3 * columns):
+            shown = np.int32(np.float32(given[i]) * clear[i] * full + half)
+            painted[i] = np.uint8(shown + np.int32(paint[i] * full + half))
     return result
-
-
-def _three(mask: Any) -> Any:
-    import cv2
-
-    return cv2.cvtColor(mask, cv2.COLOR_GRAY2RGB)
 
 
 def occluder(size: float, x: float, y: float, columns: int, rows: int) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from image_toys import square
 from numpy.testing import assert_array_equal
 
 from sada_gym import Parameter
+from sada_gym.envs.images import optics
 from sada_gym.envs.images.conditions import (
     CONDITIONS,
     SETS,
@@ -123,6 +124,22 @@ def test_noise_has_the_deviation_of_the_sensor():
     noisy = under(grey, CONDITIONS["noise"], 200.0).image
     light = ((noisy / 255.0 + 0.055) / 1.055) ** 2.4
     assert light.std() == pytest.approx(np.sqrt(2_500.0 + 9.0) / 5_000.0, rel=0.1)
+
+
+def test_a_kernel_computes_what_numpy_would(image):
+    """What is fast must be rounded right, and noise go on where its numbers end."""
+    tall = np.resize(image, (900, 400, 3))
+    first, normals = 1_000_000, optics._normals()
+    scale = np.linspace(0.5, 90.0, 256).astype(np.float32)
+    drawn = np.take(normals, first + np.arange(tall.size), mode="wrap").reshape(tall.shape)
+    noisy = np.clip(tall.astype(np.float32) + scale[tall] * drawn, 0, 255) + np.float32(0.5)
+    kernels = optics._with_noise(tall, scale, normals, first)
+    assert_array_equal(kernels, noisy.astype(np.uint8))
+    every, cover = np.mgrid[:256, :256].astype(np.uint8)
+    three, colour = np.repeat(every[..., None], 3, axis=2), np.array([0, 70, 255], np.float32)
+    kept, paint = (255.0 - cover)[..., None] * three, cover[..., None] * colour
+    exact = np.rint(kept / 255.0) + np.rint(paint.astype(float) / 255.0)
+    assert_array_equal(optics._painted(three, cover, colour), exact)
 
 
 def test_conditions_are_chosen_by_set_name_range_and_as_they_are(image):
