@@ -9,9 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import warnings
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +28,7 @@ from sada_gym.foundations.files import as_path, read_file
 
 Task = Literal["classify", "detect"]
 
-ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 """The endings of the files that count as images in a folder."""
 
 MAX_PIXELS = 2**26
@@ -206,9 +207,13 @@ def image_set(
 def _folder(folder: Path, *, with_classes: bool) -> ImageSet:
     if not folder.is_dir():
         raise FileError(f"Expected a folder of images, got {folder}. Check its path.")
-    files = sorted(
-        path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file()
+    every = (
+        Path(place, name)
+        for place, _, names in os.walk(folder, followlinks=True)
+        for name in names
+        if Path(name).suffix.lower() in ENDINGS
     )
+    files = sorted(path for path in every if path.is_file())
     names = [str(path.relative_to(folder)) for path in files]
     found = ImageSet([*files], names)
     tops = [path.relative_to(folder).parts[0] for path in files]
@@ -217,11 +222,10 @@ def _folder(folder: Path, *, with_classes: bool) -> ImageSet:
         and files
         and all(folder / top != path for top, path in zip(tops, files, strict=True))
     ):
-        # torchvision's ImageFolder: a number for each folder, in the order of their names
-        folders = sorted({*tops})
-        if all(top.isdecimal() for top in folders):  # the classes' own numbers
-            numbers = {top: int(top) for top in folders}
-        else:
+        if all(top.isdecimal() for top in tops):  # the classes' own numbers
+            numbers = {top: int(top) for top in tops}
+        else:  # torchvision's ImageFolder: a number for each folder, empty ones too, by their names
+            folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
             numbers = {top: i for i, top in enumerate(folders)}
             found.classes = {i: top for top, i in numbers.items()}
         found.labels = [Objects(np.array([numbers[top]])) for top in tops]
@@ -371,12 +375,8 @@ def _coco(found: ImageSet, path: Path) -> None:
             f"Expected COCO's instances in {path}, with images, annotations and categories, got: "
             f"{described(error)}."
         ) from error
-    by_name = {Path(name).name: name for name in rows}
-
-    def known(name: str) -> str:
-        return name if name in rows else by_name.get(Path(name).name, "")
-
-    chosen = [i for i, name in enumerate(found.names) if known(name)]
+    partners = _partners(found.names, rows, path)
+    chosen = [i for i, partner in enumerate(partners) if partner is not None]
     if not chosen:
         raise UserError(
             f"Expected the files of {path}, such as {next(iter(rows), 'none')!r}, among the "
@@ -384,12 +384,36 @@ def _coco(found: ImageSet, path: Path) -> None:
         )
     _keep(found, chosen)
     found.task = "detect"
-    labelled = [rows[known(name)] for name in found.names]
+    labelled = [rows[partner] for partner in partners if partner is not None]
     found.labels = [
         _boxed([box for _, box in row], [number for number, _ in row] or np.zeros(0, int), name)
         for row, name in zip(labelled, found.names, strict=True)
     ]
     check_inside(found, lambda _: str(path))
+
+
+def _partners(names: Sequence[str], known: Collection[str], where: Path) -> list[str | None]:
+    """Return which known name is that of each image: the same path, or else the same last part.
+
+    Raises:
+        UserError: If only the last part is the same, and several have it.
+    """
+    alike: dict[str, list[str]] = {}
+    for other in known:
+        alike.setdefault(Path(other).name, []).append(other)
+    counts = Counter(Path(name).name for name in names)
+
+    def partner(name: str) -> str | None:
+        others = [name] if name in known else alike.get(Path(name).name, [])
+        if name not in known and len(others) * counts[Path(name).name] > 1:
+            raise UserError(
+                f"Expected labels of one image named {Path(name).name} in {where}, got those of "
+                f"{', '.join(others[:3])} for {counts[Path(name).name]} such images. Name the "
+                "folder below which the images lie as the labels have them."
+            )
+        return others[0] if others else None
+
+    return [partner(Path(name).as_posix()) for name in names]
 
 
 def _keep(found: ImageSet, chosen: Sequence[int]) -> None:
@@ -405,21 +429,27 @@ def _yolo(found: ImageSet, folder: Path) -> None:
         raise FileError(
             f"Expected labels as COCO's .json file or a folder of YOLO's .txt files, got {folder}."
         )
-    files = {path.stem: path for path in sorted(folder.rglob("*.txt"))}
-    stems = [Path(name).stem for name in found.names]
-    if not any(stem in files for stem in stems):
+    files = {
+        path.relative_to(folder).with_suffix("").as_posix(): path
+        for path in sorted(folder.rglob("*.txt"))
+    }
+    stems = [str(Path(name).with_suffix("")) for name in found.names]
+    partners = _partners(stems, files, folder)
+    own = [None if partner is None else files[partner] for partner in partners]
+    if not any(own):
         raise UserError(
-            f"Expected a text file for an image in {folder}, such as {stems[0]}.txt, got none."
+            f"Expected a text file for an image in {folder}, such as {Path(stems[0]).name}.txt, "
+            "got none."
         )
     found.task, found.labels = "detect", []
-    for source, stem, name in zip(found.sources, stems, found.names, strict=True):
-        text = read_file(files[stem], _LABEL_BYTES).decode() if stem in files else ""
+    for source, file, name in zip(found.sources, own, found.names, strict=True):
         size = np.array(_size_of(source), np.float64)
-        rows = [*_yolo_rows(text, files.get(stem, folder))]
+        text = "" if file is None else read_file(file, _LABEL_BYTES).decode()
+        rows = [*_yolo_rows(text, file or folder)]
         boxes = [np.concatenate([low * size, high * size]) for _, low, high in rows]
         numbers = np.array([number for number, _, _ in rows], np.int64)
         found.labels.append(_boxed(boxes, numbers, name))
-    check_inside(found, lambda i: str(files[stems[i]]))
+    check_inside(found, lambda i: str(own[i]))
 
 
 def _yolo_rows(text: str, path: Path) -> Iterator[tuple[int, Floats, Floats]]:

@@ -62,6 +62,49 @@ def test_folders_are_classes_as_torchvision_has_them(tmp_path):
     assert [int(label.classes[0]) for label in numbered.labels] == [281, 7]
 
 
+def test_class_folders_are_numbered_as_torchvision_does(tmp_path):
+    root = tmp_path / "root"
+    for name in ("b", "B", "a/young", "empty"):
+        (root / name).mkdir(parents=True)
+    for name in ("b/1.ppm", "B/2.png", "a/young/3.PNG"):
+        Image.fromarray(square(1, 1)).save(root / name)
+    (root / "link").symlink_to(root / "b")
+    found = image_set(root)
+    assert found.classes == {0: "B", 1: "a", 2: "b", 3: "empty", 4: "link"}
+    numbers = [int(label.classes[0]) for label in found.labels]
+    assert [*zip(found.names, numbers, strict=True)] == [
+        *(("B/2.png", 0), ("a/young/3.PNG", 1), ("b/1.ppm", 2), ("link/1.ppm", 4))
+    ]
+    theirs = pytest.importorskip("torchvision.datasets").ImageFolder(str(root), allow_empty=True)
+    assert theirs.class_to_idx == {name: i for i, name in found.classes.items()}
+    assert theirs.targets == numbers
+
+
+def test_images_of_one_name_in_two_folders_keep_their_own_labels(tmp_path):
+    names = ("train/a", "val/a")
+    for i, name in enumerate(names):
+        for top in ("images", "labels"):
+            (tmp_path / top / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(square(1, 1)).save(tmp_path / f"images/{name}.png")
+        (tmp_path / f"labels/{name}.txt").write_text(f"{i} 0.5 0.5 0.2 0.2")
+    table = {
+        "images": [{"id": i, "file_name": f"{name}.png"} for i, name in enumerate(names)],
+        "categories": [{"id": i, "name": str(i)} for i in range(2)],
+        "annotations": [
+            {"id": i, "image_id": i, "category_id": i, "bbox": [1, 1, 9, 9]} for i in range(2)
+        ],
+    }
+    (tmp_path / "instances.json").write_text(json.dumps(table))
+    for labels in (tmp_path / "labels", tmp_path / "instances.json"):
+        known = image_set(tmp_path / "images", labels).labels
+        assert [label.classes.tolist() for label in known] == [[0], [1]]
+        files = [tmp_path / f"images/{name}.png" for name in names]
+        with pytest.raises(UserError, match=r"Expected labels of one image named a.* for 2 such"):
+            image_set(files, labels)
+        with pytest.raises(UserError, match=r"got those of train/a.*, val/a.* for 1 such"):
+            image_set(files[:1], labels)
+
+
 def coco_file(folder, rows):
     table = {
         "images": [{"id": 7, "file_name": "a.png"}, {"id": 9, "file_name": "train/b.jpg"}],
@@ -75,7 +118,7 @@ def coco_file(folder, rows):
 def test_cocos_instances_are_read(folder):
     rows = [
         {"id": 1, "image_id": 7, "category_id": 3, "bbox": [30, 20, 24, 24], "iscrowd": 0},
-        {"id": 2, "image_id": 9, "category_id": 1, "bbox": [0.5, 0, 10, 96]},
+        {"id": 2, "image_id": 9, "category_id": 1, "bbox": [0.5, 0, 10, 96], "iscrowd": 0},
         {"id": 3, "image_id": 9, "category_id": 1, "bbox": [0, 0, 128, 96], "iscrowd": 1},
     ]
     path = coco_file(folder, rows)
@@ -100,10 +143,17 @@ def test_yolos_text_files_are_read(folder):
     (labels / "a.txt").write_text("0 0.328125 0.333333 0.1875 0.25\n\n")
     (labels / "b.txt").write_text("1 0.25 0.25 0.75 0.25 0.5 0.75\n")
     found = image_set(folder, labels, classes=["car", "person"])
+    assert found.classes == {0: "car", 1: "person"}
     assert_allclose(found.labels[0].boxes, [[30, 20, 54, 44]], atol=1e-3)
     assert_allclose(found.labels[1].boxes, [[32, 24, 96, 72]])  # around a polygon
     assert [len(label.boxes) for label in found.labels] == [1, 1, 0, 0]
-    assert found.classes == {0: "car", 1: "person"}
+    tools = pytest.importorskip("supervision")
+    (folder / "data.yaml").write_text("names: [car, person]")
+    theirs = tools.DetectionDataset.from_yolo(str(folder), str(labels), str(folder / "data.yaml"))
+    for i in range(2):
+        detections = theirs.annotations[str(folder / found.names[i])]
+        assert_allclose(found.labels[i].boxes, detections.xyxy, atol=1e-3)
+        assert found.labels[i].classes.tolist() == detections.class_id.tolist()
 
 
 @pytest.mark.parametrize(
