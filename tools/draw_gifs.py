@@ -59,7 +59,25 @@ def hits_late(info: dict[str, Any]) -> float:
     return min(next((i for i, one in enumerate(endings) if one == "hit"), 0), 3)
 
 
+def crashes_after(info: dict[str, Any]) -> float:
+    """Prefer a quadrotor that crashes, and late."""
+    return 10.0 * (info["ending"] == "crashed") + float(info["flown_s"])
+
+
+def falls_late(info: dict[str, Any]) -> float:
+    """Prefer a robot dog that falls, and after much of its way."""
+    return 10.0 * (info["ending"] == "fell") + float(info["done"])
+
+
+def crashes_late(info: dict[str, Any]) -> float:
+    """Prefer a drive that ends at another car after much of its route."""
+    return 10.0 * (info["ending"] == "hit_car") + float(info["route_done"])
+
+
 VIDEOS = {
+    "quadrotor": Video("SADA-Quadrotor-Crazyflie-v0", "level-set", 400, 40, crashes_after),
+    "go2": Video("SADA-Go2-Walk-v0", "level-set", 200, 30, falls_late),
+    "metadrive": Video("SADA-DrivingMetaDrive-v0", "level-set", 400, 100, crashes_late),
     "driving": Video("SADA-Driving-Navigation-v0", "cross-entropy", 60, 20, rainy, "on the right"),
     "racing": Video("SADA-UAV-4Anchors-v0", "bbgan", 500, 60, hits_late),
     "detection": Video("SADA-Detection-Car-v0", "bbgan", 2_000, 120, wrongly_sure),

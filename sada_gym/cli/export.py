@@ -1,8 +1,9 @@
-"""`sada-gym export`: the failures of a run as a regression suite."""
+"""`sada-gym export`: the failures of a run as a regression suite, or in forms of others."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import typer
 
@@ -16,6 +17,7 @@ from sada_gym.cli.console import (
     scores_progress,
     workers_option,
 )
+from sada_gym.errors import UserError, check_known
 
 
 def export(
@@ -23,7 +25,17 @@ def export(
         metavar="RUN...", help="Folders that `sada-gym attack` wrote, of one track and agent."
     ),
     out_file: Path = option(
-        ..., "The suite: a .json file, or a folder for suite.json.", "--out", metavar="SUITE"
+        ...,
+        "The suite: a .json file, or a folder for suite.json; else a file.",
+        "--out",
+        metavar="FILE",
+    ),
+    form: str = option(
+        "suite",
+        "`suite`; `cases`: a record a test case (.json, .csv); `sarif`: failures for code hosts; "
+        "`odd`: the ranges and what was tried in them (.csv, .json, .yaml of OpenODD).",
+        "--format",
+        metavar="NAME",
     ),
     confirm: int = option(
         3, "Fresh seeds on most of which a world must fail, or pass, again.", minimum=0
@@ -36,6 +48,9 @@ def export(
 
     `sada-gym regress` tests another agent with it. The same command goes on after a stop.
     """
+    if form == "odd":
+        _export_domain(runs, out_file, as_json)
+        return
     with errors_as_sentences():
         from sada_gym.analyses.regression.export import export as write
 
@@ -44,6 +59,7 @@ def export(
                 runs,
                 out_file,
                 confirm=confirm,
+                form=cast(Any, form),
                 application=application,
                 workers=workers,
                 on_scores=progress,
@@ -64,3 +80,24 @@ def export(
         say(f"  {number}. {group} ({count} failures, {len(inside) - count} passes)")
     if suite.unconfirmed:
         say(f"{suite.unconfirmed} failures did not repeat on fresh seeds, and are left out.")
+
+
+def _export_domain(runs: list[Path], out: Path, as_json: bool) -> None:
+    with errors_as_sentences():
+        from sada_gym.analyses.domain import Domain
+        from sada_gym.foundations.files import write_file
+        from sada_gym.run.run import load_run
+
+        if len(runs) != 1:
+            raise UserError(f"Expected one run for --format odd, got {len(runs)}. Export each.")
+        domain = Domain.of(load_run(runs[0]))
+        writers = {".csv": domain.as_csv, ".yaml": domain.as_openodd, ".json": domain.as_json}
+        check_known("ending of --out", [out.suffix], list(writers))
+        write_file(out, writers[out.suffix]())
+    if as_json:
+        print_json(domain)
+        return
+    say(
+        f"{domain.worlds:,} worlds; {domain.pairs_tried:,} of {domain.pairs:,} cells of pairs of "
+        f"parameters hold one: {out}"
+    )

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from sada_gym.agents.agent_files import find_agent_file
 from sada_gym.analyses.regression.compare import verdict_of
+from sada_gym.analyses.regression.records import as_csv, as_json, as_sarif
 from sada_gym.analyses.regression.suite import (
     Case,
     File,
@@ -31,7 +33,7 @@ from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.arrays import Indices
-from sada_gym.foundations.files import file_errors, parse_toml, shown
+from sada_gym.foundations.files import as_path, file_errors, parse_toml, shown, write_file
 from sada_gym.measures.diagnosis.grouping import by_weakness
 from sada_gym.measures.diagnosis.record import Weakness
 from sada_gym.measures.groups import match, places, spread
@@ -40,6 +42,8 @@ from sada_gym.run import Run
 from sada_gym.run.folder import ELSEWHERE_FILE
 from sada_gym.run.given import Given
 from sada_gym.run.run import as_runs
+
+Form = Literal["suite", "cases", "sarif"]
 
 MOST_IN_GROUP, FEWEST_IN_GROUP = 40, 10
 MOST_FAILURES = 100
@@ -73,11 +77,12 @@ def export(
     out: str | Path,
     *,
     confirm: int = 3,
+    form: Form = "suite",
     application: Application | str | None = None,
     workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Exported:
-    """Write the failures of finished runs as a regression suite.
+    """Write the failures of finished runs as a regression suite, or in a form of others.
 
     The failures among the samples and the training queries are grouped by the weaknesses of the
     runs' diagnoses; without any, by wide gaps. Of each group at most `MOST_IN_GROUP` that lie apart
@@ -87,8 +92,10 @@ def export(
 
     Args:
         runs: Runs of one track and agent, or their folders.
-        out: The suite's file, which ends in .json, or the folder for its `suite.json`.
+        out: The file; of a suite it ends in .json, or is the folder for its `suite.json`.
         confirm: The number of fresh seeds; 0 takes the run's own seed instead.
+        form: `suite`; `cases`, a record a test case, as JSON or, where `out` ends in .csv, as CSV;
+            `sarif`, the failures as code hosts show them.
         application: What the runs attacked, where they cannot say it, see `Run.open`.
         workers: See `Workers`.
         on_scores: See `OnScores`.
@@ -99,7 +106,9 @@ def export(
     """
     read = as_runs(runs)
     check_integer("confirm", confirm, 0, 1_000)
-    path = suite_path(out)
+    if form not in _WRITERS:
+        raise UserError(f"Expected one of the forms {', '.join(_WRITERS)}, got {form!r}.")
+    path = suite_path(out) if form == "suite" else as_path(out, "a file")
     first = read[0]
     _check_one_target(read)
     with first.open(application, workers=workers) as opened:
@@ -118,8 +127,19 @@ def export(
         )
     with file_errors("make the folder", path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    write_suite(path, suite)
+    _WRITERS[form](path, suite)
     return Exported(path, suite)
+
+
+def _write_cases(path: Path, suite: Suite) -> None:
+    write_file(path, as_csv(suite) if path.suffix == ".csv" else as_json(suite))
+
+
+_WRITERS: Mapping[str, Callable[[Path, Suite], None]] = {
+    "suite": write_suite,
+    "cases": _write_cases,
+    "sarif": lambda path, suite: write_file(path, as_sarif(suite)),
+}
 
 
 class _Chooser:
