@@ -323,7 +323,7 @@ class Application(ABC):
         if score.shape != (len(mu),) or not ((score >= 0.0) & (score <= 1.0)).all():
             raise UserError(
                 f"Expected {len(mu)} scores in [0, 1] from {source}, got shape {score.shape}: "
-                f"{score}. Mend the application's scoring."
+                f"{score}. Fix the application's scoring."
             )
         return score, scored.extras
 

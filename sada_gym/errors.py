@@ -22,7 +22,7 @@ _TURNING = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
 
 
 class UserError(ValueError):
-    """A bad input. The message says what was expected, what came, and how to mend it."""
+    """A bad input. The message says what was expected, what came, and how to fix it."""
 
 
 class UserTypeError(UserError, TypeError):
@@ -164,12 +164,12 @@ def check_plain(what: str, text: str) -> None:
 
 
 @contextmanager
-def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) -> Iterator[None]:
+def explained(expected: str, fix: str = "", kind: type[UserError] = UserError) -> Iterator[None]:
     """Turn what a user's code or file raises in this block into a `UserError`.
 
     Args:
         expected: What was expected, such as `Expected the environment to be reset`.
-        mend: How to mend it, a sentence.
+        fix: How to fix it, a sentence.
         kind: The error's class. A `UserError` is raised as it is.
     """
     try:
@@ -177,7 +177,7 @@ def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) 
     except (UserError, WorkerError):  # such as a server that is gone
         raise
     except Exception as error:  # a user's code may raise anything
-        message = f"{expected}, got {described(error)}. {mend}"
+        message = f"{expected}, got {described(error)}. {fix}"
         raise kind(message.rstrip()) from error
 
 
@@ -206,8 +206,8 @@ def broken_world(
     what: str,
     error: BaseException,
     expected: str,
-    mend: str = "Narrow the ranges to worlds that it takes.",
+    fix: str = "Narrow the ranges to worlds that it takes.",
 ) -> InvalidWorld:
     """Return the error of a world in which `what`, such as `a step`, raised an exception."""
     told = described(error)
-    return InvalidWorld(f"{expected}, got {told}. {mend}".rstrip(), f"{what} raised {told}")
+    return InvalidWorld(f"{expected}, got {told}. {fix}".rstrip(), f"{what} raised {told}")

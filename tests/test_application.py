@@ -228,7 +228,7 @@ def test_an_agent_that_is_random_is_refused_before_a_score_counts(
         assert len(store) == 0
 
 
-def test_the_sentence_on_a_random_agent_says_how_to_mend_it() -> None:
+def test_the_sentence_on_a_random_agent_says_how_to_fix_it() -> None:
     with pytest.raises(
         ValueError, match=r"mine gave the score 0\.\d+ and then 0\.\d+ in the same "
     ):

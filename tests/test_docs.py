@@ -37,7 +37,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 NOT_RUN = "<!-- not run:"
 OPTIONAL = "rl_zoo3"
 """What a page may run though no extra brings it."""
-PACKAGES = {"compare_optimisers": ("optuna", "cmaes"), "mend_lunar_lander": ("Box2D",)}
+PACKAGES = {"compare_optimisers": ("optuna", "cmaes"), "fix_lunar_lander": ("Box2D",)}
 """What an example needs of the extra `examples`; without it the example is not run."""
 
 SMALLER = (

@@ -34,7 +34,7 @@ def evaluate(mu: Mu, oracle: Query) -> Evaluations:
     if score.shape != (len(mu),) or not np.isfinite(score).all():
         raise UserError(
             f"Expected {len(mu)} finite scores, got shape {score.shape} with "
-            f"{int((~np.isfinite(score)).sum())} NaN or infinite. Mend the score function."
+            f"{int((~np.isfinite(score)).sum())} NaN or infinite. Fix the score function."
         )
     return Evaluations.unseeded(mu, score)
 

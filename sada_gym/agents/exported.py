@@ -226,8 +226,8 @@ def onnx_session(model: bytes, path: Path, weights: Sequence[bytes] = ()) -> Any
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    mend = "Name a file that torch.onnx.export or the like wrote, and what lay beside it."
-    with explained(f"Expected an ONNX model in {path}", mend, FileError):
+    fix = "Name a file that torch.onnx.export or the like wrote, and what lay beside it."
+    with explained(f"Expected an ONNX model in {path}", fix, FileError):
         if weights:
             names, sizes = [f"{path.name}.data"], [len(weights[0])]
             options.add_external_initializers_from_files_in_memory(names, [*weights], sizes)
@@ -236,8 +236,8 @@ def onnx_session(model: bytes, path: Path, weights: Sequence[bytes] = ()) -> Any
 
 def torchscript_module(content: bytes, path: Path) -> Any:
     """Open a TorchScript file's content; raise `FileError` if it is none."""
-    mend = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
-    with explained(f"Expected a TorchScript module in {path}", mend, FileError):
+    fix = "Write it by torch.jit.script(module).save(file); torch.save writes other files."
+    with explained(f"Expected a TorchScript module in {path}", fix, FileError):
         load: Any = torch.jit.load
         return load(io.BytesIO(content), map_location="cpu").eval()
 

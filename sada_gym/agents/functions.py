@@ -169,10 +169,10 @@ class EpisodeAgents(FunctionAgent):
         return {**self.__dict__, "_agents": []}
 
     def _make(self, seed: int) -> Any:
-        mend = "Pass a function without arguments that makes one."
+        fix = "Pass a function without arguments that makes one."
         if self._is_factory:
-            mend = "It is called without arguments, or with seed=."
-        with explained(f"Expected an agent for each episode from {self._name}", mend):
+            fix = "It is called without arguments, or with seed=."
+        with explained(f"Expected an agent for each episode from {self._name}", fix):
             if self._is_factory:
                 made = _call(self._given, seed)
             else:

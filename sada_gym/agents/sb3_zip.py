@@ -103,8 +103,8 @@ def load_sb3(
     with generators_kept():
         if allow_pickle:
             expected = f"Expected a {algorithm.__name__} model that can be unpickled in {path}"
-            mend = "Load it where it was saved, and pass the model."
-            with explained(expected, mend, FileError):
+            fix = "Load it where it was saved, and pass the model."
+            with explained(expected, fix, FileError):
                 return algorithm.load(io.BytesIO(content), device="cpu")
         policies = algorithm.policy_aliases.values()
         known = {f"{kind.__module__}.{kind.__name__}": kind for kind in policies}

@@ -28,7 +28,7 @@ class WeightsFile:
     trained_by: str
 
     def error(self, got: str) -> FileError:
-        """Return an error that says what was expected, what came, and how to mend it."""
+        """Return an error that says what was expected, what came, and how to fix it."""
         return FileError(
             f"Expected {self.content} in {self.path}{got}. Write such a file in the repository by "
             f"python -m {self.trained_by}, or, for a {self.kind} of your own, pass the model as "

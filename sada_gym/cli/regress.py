@@ -28,13 +28,21 @@ def regress(
         "Pass if at 95 % confidence the rate of failing worlds grows by less, such as 0.05.",
         shown="an exact test alone",
     ),
+    max_failing: int | None = option(
+        None, "Fail if more worlds than this fail.", minimum=0, shown="any number may"
+    ),
+    require_fixed: float | None = option(
+        None,
+        "Fail if a smaller share of the known failures is fixed, such as 0.5.",
+        shown="none has to be",
+    ),
     workers: int = workers_option(1),
     junit: Path | None = option(None, "Write JUnit XML.", metavar="FILE"),
     markdown: Path | None = option(None, "Write Markdown for a pull request.", metavar="FILE"),
     store: Path | None = option(None, "Keep the scores, to go on after a stop.", metavar="FILE"),
     as_json: bool = json_option(),
 ) -> None:
-    """Test an agent in the worlds of a suite: what is mended, came back or broke newly?
+    """Test an agent in the worlds of a suite: what is fixed, what regressed, what is new?
 
     Exit codes: 0 passed, 1 failed, 2 invalid input, 3 inconclusive.
     """
@@ -50,6 +58,8 @@ def regress(
                 agent,
                 baseline=baseline,
                 margin=margin,
+                max_failing=max_failing,
+                require_fixed=require_fixed,
                 workers=workers,
                 store=store,
                 on_scores=progress,

@@ -53,14 +53,14 @@ _BY_CODE = {
     _IOERR: (
         "Expected to read and write the store {path}, but the disk or file system reported an "
         "error ({name}): a broken or unplugged disk, a quota, or a network drive without locks. "
-        f"{_KEPT}; mend that and resume the run, or name a store on another disk."
+        f"{_KEPT}; fix that and resume the run, or name a store on another disk."
     ),
 }
 # Python 3.10, and sqlite3's own errors, give no code
 _BY_TYPE: dict[type[sqlite3.Error], str] = {
     sqlite3.OperationalError: (
         "Expected to use the store {path}, but SQLite could not ({error}). It may be open in "
-        f"another run, on a full disk, or read-only. {_KEPT}; mend that and resume the run."
+        f"another run, on a full disk, or read-only. {_KEPT}; fix that and resume the run."
     ),
     sqlite3.DatabaseError: (
         "Expected a sound evaluation store, got a corrupt one or something else in {path} "

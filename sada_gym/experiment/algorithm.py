@@ -191,7 +191,7 @@ class Algorithm1:
         if np.shape(mu) != (count, self._test.dimension):
             raise AdversaryError(
                 f"Expected samples of shape ({count}, {self._test.dimension}) from "
-                f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Mend the "
+                f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Fix the "
                 "adversary."
             )
         return mu

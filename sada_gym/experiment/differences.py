@@ -23,9 +23,9 @@ def check_same_record(
     expected: str,
     old: Mapping[str, object],
     new: Mapping[str, object],
-    mend: str = "Give the same ones, or name another folder.",
+    fix: str = "Give the same ones, or name another folder.",
 ) -> None:
     """Raise a ValueError that names every entry in which two records differ, if any does."""
     changes = differences(old, new)
     if changes:
-        raise UserError(f"Expected {expected}, got others: {'; '.join(changes)}. {mend}")
+        raise UserError(f"Expected {expected}, got others: {'; '.join(changes)}. {fix}")

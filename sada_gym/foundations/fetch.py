@@ -158,20 +158,20 @@ def _download(agent: FetchedAgent, folder: Path) -> Path:
 
 def _members(agent: FetchedAgent, source: Path) -> dict[str, bytes]:
     """Read the files that an agent needs, each checked."""
-    mend = f"Pass {agent.archive} of {agent.package} {agent.version}, or a folder with the files."
+    fix = f"Pass {agent.archive} of {agent.package} {agent.version}, or a folder with the files."
     if source.name in {Path(name).name for name in agent.members}:
         source = source.parent
     content = {}
     with file_errors("read", source):
         source.stat()
         reader = _folder if source.is_dir() else _archive
-        with _damage(source, mend):
+        with _damage(source, fix):
             for name, file in reader(source, agent.members):
                 content[name] = file.read(MAX_MEMBER_BYTES)
     for name, sha256 in agent.members.items():
         if name not in content:
-            raise FileError(f"Expected {name} in {source}, got no such file. {mend}")
-        _check(content[name], sha256, f"{name} in {source}", mend)
+            raise FileError(f"Expected {name} in {source}, got no such file. {fix}")
+        _check(content[name], sha256, f"{name} in {source}", fix)
     return content
 
 
@@ -201,7 +201,7 @@ def _archive(source: Path, members: Mapping[str, str]) -> Iterator[tuple[str, IO
 
 
 @contextmanager
-def _damage(source: Path, mend: str) -> Iterator[None]:
+def _damage(source: Path, fix: str) -> Iterator[None]:
     try:
         yield
     except (OSError, UserError):
@@ -209,14 +209,14 @@ def _damage(source: Path, mend: str) -> Iterator[None]:
     except Exception as error:  # readers of archives raise anything for damaged ones
         reason = shown(next(iter(str(error).splitlines()), type(error).__name__))
         raise FileError(
-            f"Expected an archive in {source}, got a damaged or another file ({reason}). {mend}"
+            f"Expected an archive in {source}, got a damaged or another file ({reason}). {fix}"
         ) from error
 
 
-def _check(content: bytes, sha256: str, what: str, mend: str) -> None:
+def _check(content: bytes, sha256: str, what: str, fix: str) -> None:
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
         raise FileError(
             f"Expected {what} with SHA-256 {sha256[:12]}..., got {found[:12]}...: it is damaged or "
-            f"of another version. {mend}"
+            f"of another version. {fix}"
         )

@@ -238,7 +238,7 @@ def parse_toml(content: bytes, path: Path) -> dict[str, Any]:
         return tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # a decoding error is a ValueError too
         raise FileError(
-            f"Expected a TOML file in {path}, got something else: {error}. Mend that place; "
+            f"Expected a TOML file in {path}, got something else: {error}. Fix that place; "
             "https://toml.io shows how TOML is written."
         ) from error
 
@@ -304,9 +304,9 @@ def _listed(kinds: Mapping[str, tuple[str, int]]) -> str:
 @contextmanager
 def _npz(path: Path, wanted: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
     content = read_file(path, MAX_ARRAYS_BYTES)
-    mend = "Restore the file, or make it anew."
+    fix = "Restore the file, or make it anew."
     with (
-        _content_errors(f"an NPZ file with {wanted} in {path}", "it is damaged", mend),
+        _content_errors(f"an NPZ file with {wanted} in {path}", "it is damaged", fix),
         zipfile.ZipFile(io.BytesIO(content)) as archive,
     ):
         yield archive, sorted(name.removesuffix(".npy") for name in archive.namelist())
@@ -324,7 +324,7 @@ def read_array(path: Path, max_bytes: int) -> npt.NDArray[Any]:
 
 
 @contextmanager
-def _content_errors(expected: str, damage: str, mend: str) -> Iterator[None]:
+def _content_errors(expected: str, damage: str, fix: str) -> Iterator[None]:
     try:
         yield
         return
@@ -332,7 +332,7 @@ def _content_errors(expected: str, damage: str, mend: str) -> Iterator[None]:
         reason, cause = shown(str(error)), cast(Exception, error)
     except _DAMAGE as error:
         reason, cause = damage, error
-    raise FileError(f"Expected {expected}, got something else ({reason}). {mend}") from cause
+    raise FileError(f"Expected {expected}, got something else ({reason}). {fix}") from cause
 
 
 class _UnfitError(Exception):

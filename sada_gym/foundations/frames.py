@@ -100,7 +100,7 @@ def as_frame(given: Any, source: str) -> Frame:
             frame = np.rint(frame[..., :3] * opaque + 255 * (1 - opaque)).astype(np.uint8)
         return np.repeat(frame, 3, axis=2) if channels == 1 else frame
     raise UserError(
-        f"Expected a frame of shape (height, width, 3) and type uint8, got {came}. Mend {source}."
+        f"Expected a frame of shape (height, width, 3) and type uint8, got {came}. Fix {source}."
     )
 
 

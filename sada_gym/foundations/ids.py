@@ -52,7 +52,7 @@ def find_spec(env_id: str) -> EnvSpec:
         except (Exception, SystemExit) as error:  # whatever a user's module may raise
             raise UserError(
                 f"Expected to import {module!r} for {env_id!r}, but the module raised "
-                f"{described(error)}. Mend the module."
+                f"{described(error)}. Fix the module."
             ) from error
     if name not in gym.registry:
         close = difflib.get_close_matches(name, gym.registry, n=3, cutoff=0.5)

@@ -35,5 +35,5 @@ def find_part(kind: str, name: str, table: Mapping[str, str]) -> Any:
             raise  # one of ours: a bug
         raise UserError(
             f"Expected to import {name.partition(':')[0]!r} for the {kind} {name!r}, but the "
-            f"module raised {described(error)}. Mend the module."
+            f"module raised {described(error)}. Fix the module."
         ) from error

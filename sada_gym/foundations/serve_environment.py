@@ -816,7 +816,7 @@ def serve_environment(
         told = "{kind}: {message}".format(**_raised(error))
         told = (
             f"Expected an environment that {sys.executable} can make, got {environment!r} "
-            f"({told}). Install its package there, or mend its name."
+            f"({told}). Install its package there, or fix its name."
         )
         if asked_by:
             channel = Channel(connected(), PATIENCE_S)

@@ -144,7 +144,7 @@ def write_reference(
         raise UserError(
             "Expected finite scores of an application with a fingerprint, got "
             f"{np.isfinite(scores).sum()} finite scores of {scores.size} and the fingerprint "
-            f"{fingerprint}. Mend the scoring, or give the application a fingerprint."
+            f"{fingerprint}. Fix the scoring, or give the application a fingerprint."
         )
     points, seeds = scores.shape
     buffer = io.BytesIO()

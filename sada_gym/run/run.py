@@ -171,7 +171,7 @@ class Run:
             raise UserTypeError(
                 f"Expected an Application, an environment's id or a TOML file, got {application!r}."
             )
-        mend = (
+        fix = (
             "If a TOML file describes it, name that by --application FILE.toml. If you made it in "
             "Python, hand it over: application=YOURS."
         )
@@ -179,14 +179,14 @@ class Run:
             raise UserError(
                 f"Expected a run whose settings can open what it attacked, got that of "
                 f"{self.folder}: it attacked {shown(self.target.track)} in an application of "
-                f"yours. {mend}"
+                f"yours. {fix}"
             )
         try:
             opened = self._opened(application, workers)
         except UserError as error:
             raise UserError(
                 f"Expected to open {shown(str(self.target))} as the run in {self.folder} did, but: "
-                f"{error} {mend}"
+                f"{error} {fix}"
             ) from error
         try:
             self.check_samples(opened)

@@ -230,11 +230,11 @@ asked = 0
 
 
 def breaking(tmp_path, how, after):
-    """Write a server that breaks at its `after`-th answer until the file `mended` is there."""
+    """Write a server that breaks at its `after`-th answer until the file `fixed` is there."""
     program = thirty_lines().replace(
         "            send(answer, actions",
         f"""            asked += 1
-            if asked > {after} and not pathlib.Path({str(tmp_path / "mended")!r}).exists():
+            if asked > {after} and not pathlib.Path({str(tmp_path / "fixed")!r}).exists():
                 {how}
             send(answer, actions""",
     )
@@ -280,7 +280,7 @@ def test_a_run_resumes_where_a_server_died_to_the_same_bits(tmp_path):
     application = cart_pole(agent=command, agent_id=None)
     with closing(application), pytest.raises(AgentLost):
         attack(application, "random", out=tmp_path / "run", **run)
-    (tmp_path / "mended").touch()
+    (tmp_path / "fixed").touch()
     with closing(application):
         attack(application, "random", out=tmp_path / "run", **run)
         attack(application, "random", out=tmp_path / "whole", **run)

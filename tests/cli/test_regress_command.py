@@ -112,7 +112,7 @@ def test_exit_codes_of_files(folder, tmp_path, agent, code, status, words):
     content = json.loads(printed.stdout)
     assert content["decision"]["status"] == status
     changes = [world["change"] for world in content["worlds"]]
-    broken = sum(changes.count(change) for change in ("came back", "broke newly"))
+    broken = sum(changes.count(change) for change in ("regressed", "new failure"))
     assert read_junit(junit) == (len(changes), broken, changes.count("still fails"))
     assert bool(broken) == (code == 1)
     assert text.read_text().startswith("### CartPole")
@@ -216,7 +216,7 @@ def test_a_moved_suite_goes_on_without_the_run_and_with_a_newer_agent_file(folde
     result = run(*command, "--baseline", folder / "better.pt")
     assert result.exit_code == 1, result.output
     assert "the agent.pt is another file than when it was exported" in result.stdout
-    assert "came back" in result.stdout
+    assert "regressed" in result.stdout
 
 
 @pytest.mark.parametrize(

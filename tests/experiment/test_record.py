@@ -68,5 +68,5 @@ def test_differences_go_down_to_single_entries():
     check_same_record("nothing else", old, old)
     new = {"a": {"b": 1, "c": 3}, "d": (1,), "f": 4}
     assert differences(old, new) == ["a.c was 2 and is 3", "f was None and is 4"]
-    with pytest.raises(ValueError, match=r"Expected this, got others: a.c was .* is 4. Mend it."):
-        check_same_record("this", old, new, "Mend it.")
+    with pytest.raises(ValueError, match=r"Expected this, got others: a.c was .* is 4. Fix it."):
+        check_same_record("this", old, new, "Fix it.")

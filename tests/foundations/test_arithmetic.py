@@ -117,7 +117,7 @@ def test_a_run_records_its_arithmetic():
     assert installed("no-such-package") == "not installed"
 
 
-def test_other_kernels_are_told_once_with_what_mends_it():
+def test_other_kernels_are_told_once_with_what_fixes_it():
     with pytest.warns(UserWarning, match=r"got this processor's own of MKL.*MKL_CBWR='COMPATIBLE'"):
         warn_of_others("this processor's own of MKL")
     with warnings.catch_warnings():

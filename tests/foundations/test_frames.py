@@ -59,7 +59,7 @@ def test_pictures_of_all_kinds_become_rgb(given, frame):
 def test_what_is_no_picture_is_refused(given, came):
     with pytest.raises(UserError) as raised:
         as_frame(given, "X.render")
-    assert str(raised.value).endswith("Mend X.render.")
+    assert str(raised.value).endswith("Fix X.render.")
     assert f"uint8, got {came}" in str(raised.value)
 
 

@@ -11,7 +11,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from fuzz_entries import fuzz, mend_claims
+from fuzz_entries import fix_claims, fuzz
 from made_entries import ANALYTIC, make_entry, only_result
 
 from sada_gym.board.results.entry import GroupFiles
@@ -141,7 +141,7 @@ def claims(change):
         path = folder / f"{GROUP}.json"
         content = json.loads(path.read_text())
         change(content)
-        mend_claims(path, content)
+        fix_claims(path, content)
 
     return spoil
 
@@ -194,7 +194,7 @@ def second_application(folder):
     """Name the application of the results, but not the file, otherwise."""
     path = folder / f"{GROUP}.json"
     text = path.read_text().replace('"name": "SADA-Analytic"', '"name": "SADA-Digits"')
-    mend_claims(path, json.loads(text), rename=False)
+    fix_claims(path, json.loads(text), rename=False)
 
 
 def place_twice(folder):
@@ -202,7 +202,7 @@ def place_twice(folder):
     content = json.loads((folder / f"{GROUP}.json").read_text())
     content["results"][0]["experiment"]["target"]["application"]["name"] = "SADA-Other"
     (folder / "SADA-Other.npz").write_bytes((folder / f"{GROUP}.npz").read_bytes())
-    mend_claims(folder / "SADA-Other.json", content)
+    fix_claims(folder / "SADA-Other.json", content)
 
 
 def arrays(change, save=np.savez):

@@ -214,12 +214,12 @@ def change_json(entry: Path, rng: Rng) -> None:
                 else:
                     container.insert(0, _pick(rng, ODD_VALUES))
     if rng.integers(2):
-        mend_claims(path, content)
+        fix_claims(path, content)
     else:
         path.write_text(json.dumps(content))
 
 
-def mend_claims(path: Path, content: Any, *, rename: bool = True) -> None:
+def fix_claims(path: Path, content: Any, *, rename: bool = True) -> None:
     """Write claims with the hashes, the order and the files' names that fit, as far as they go."""
     results = content.get("results") if isinstance(content, dict) else None
     results = results if isinstance(results, list) else []

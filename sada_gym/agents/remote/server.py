@@ -174,7 +174,7 @@ class _Served:
         except (UserError, NotImplementedError) as error:
             told = str(error)
         except Exception as error:  # whatever an agent or its file may raise
-            told = f"Expected actions from the agent, got {described(error)}. Mend the agent."
+            told = f"Expected actions from the agent, got {described(error)}. Fix the agent."
         return session, _failed(told, number), {}
 
     def _hello(self, header: Hello, arrays: Mapping[str, Array]) -> tuple[_Session, Welcome]:
@@ -184,7 +184,7 @@ class _Served:
             action_space = header.action_space.made(arrays)
         except (ValueError, TypeError, LookupError, ArithmeticError, AssertionError) as error:
             raise UserError(
-                f"Expected spaces of Gymnasium, got {described(error)}. Mend their bounds."
+                f"Expected spaces of Gymnasium, got {described(error)}. Fix their bounds."
             ) from error
         has_masks = header.action_masks and not isinstance(action_space, gym.spaces.Box)
         if has_masks and _choices(action_space) > MAX_ROWS:
@@ -333,7 +333,7 @@ def _sendable(actions: Any, count: int, interface: Interface) -> Array:
         array = np.empty(0, object)
     if array.dtype not in DTYPES.values() or array.shape != shape:
         raise UserError(
-            f"Expected actions of shape {shape} from the agent, got {shown(str(actions))}. Mend "
+            f"Expected actions of shape {shape} from the agent, got {shown(str(actions))}. Fix "
             "what it returns."
         )
     return array

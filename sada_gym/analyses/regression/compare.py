@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from sada_gym.analyses.regression.suite import Case, Verdict
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, check_integer
 from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.files import OneLine, Strict
 
@@ -16,11 +16,11 @@ ALPHA = 0.05
 _MOST_WORLDS = 10**6
 
 Change = Literal[
-    "mended", "came back", "broke newly", "still fails", "still passes", "not comparable"
+    "fixed", "regressed", "new failure", "still fails", "still passes", "not comparable"
 ]
 Status = Literal["passed", "failed", "inconclusive"]
 
-BROKEN: tuple[Change, ...] = ("came back", "broke newly")
+BROKEN: tuple[Change, ...] = ("regressed", "new failure")
 
 
 class Decision(Strict):
@@ -31,9 +31,9 @@ class Decision(Strict):
         reason: Why, in a sentence.
         worlds: How many worlds could be compared.
         broken: Worlds that passed before and fail now.
-        mended: Worlds that failed before and pass now.
+        fixed: Worlds that failed before and pass now.
         p_worse: McNemar's exact one-sided p-value: such a surplus of broken worlds by chance.
-        p_better: The same for mended worlds.
+        p_better: The same for fixed worlds.
         increase: The rate of failing worlds now, less that before.
         at_most: The upper end of that increase at 95 % confidence.
         margin: The greatest increase that is tolerated; None if none was given.
@@ -45,7 +45,7 @@ class Decision(Strict):
     reason: OneLine
     worlds: int
     broken: int
-    mended: int
+    fixed: int
     p_worse: float
     p_better: float
     increase: float
@@ -72,8 +72,8 @@ def change_of(case: Case, before: Verdict | None, now: Verdict | None) -> Change
     if before == now:
         return "still fails" if now == "fail" else "still passes"
     if now == "pass":
-        return "mended"
-    return "came back" if case.objective == "failure" else "broke newly"
+        return "fixed"
+    return "regressed" if case.objective == "failure" else "new failure"
 
 
 def check_margin(margin: object) -> None:
@@ -92,8 +92,8 @@ def decide(
     """Decide whether an agent passes.
 
     McNemar's test in its exact form (1947): if nothing is worse, a world with a changed verdict is
-    as likely mended as broken. Without a margin, an agent fails where significantly more worlds
-    broke than were mended, and passes where the opposite holds or none broke at all. With a margin
+    as likely fixed as broken. Without a margin, an agent fails where significantly more worlds
+    broke than were fixed, and passes where the opposite holds or none broke at all. With a margin
     it passes where the increase of failing worlds is below the margin at 95 % confidence
     (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
 
@@ -113,21 +113,21 @@ def decide(
             "before. Check the environment."
         )
     n, broken = len(compared), sum(change in BROKEN for change in compared)
-    mended = compared.count("mended")
-    worse, better = _p_value(broken, mended), _p_value(mended, broken)
-    at_most = increase_at_most(broken, mended, n)
+    fixed = compared.count("fixed")
+    worse, better = _p_value(broken, fixed), _p_value(fixed, broken)
+    at_most = increase_at_most(broken, fixed, n)
     status: Status
     more = None
-    if unchanged and not broken + mended:
+    if unchanged and not broken + fixed:
         status, reason = "passed", "It is the same agent in the same application"
     elif margin is not None and at_most <= margin:
         status = "passed"
         reason = f"The increase of failing worlds is at most {at_most:.1%}, within {margin:.1%}"
     elif worse <= ALPHA:
         status = "failed"
-        reason = f"{broken} of {n} worlds broke and {mended} were mended (p = {worse:.2g})"
+        reason = f"{broken} of {n} worlds broke and {fixed} were fixed (p = {worse:.2g})"
     elif margin is not None:
-        status, more = "inconclusive", _more_for_margin(broken, mended, n, margin)
+        status, more = "inconclusive", _more_for_margin(broken, fixed, n, margin)
         needed = f"it takes about {more:,} more" if more else "no number of such worlds would do"
         reason = (
             f"{n} worlds only show that the increase of failing worlds is at most {at_most:.1%}, "
@@ -135,14 +135,15 @@ def decide(
         )
     elif not broken:
         status = "passed"
-        reason = f"None of {n} worlds broke, {mended} were mended"
+        known = compared.count("still fails")
+        reason = f"No regression: {fixed} fixed, {known} known failures remain, none new"
     elif better <= ALPHA:
         status = "passed"
-        reason = f"{mended} of {n} worlds were mended and {broken} broke (p = {better:.2g})"
+        reason = f"{fixed} of {n} worlds were fixed and {broken} broke (p = {better:.2g})"
     else:
-        status, more = "inconclusive", _more_discordant(broken, mended)
+        status, more = "inconclusive", _more_discordant(broken, fixed)
         reason = (
-            f"{broken} of {n} worlds broke and {mended} were mended, which may be chance (p = "
+            f"{broken} of {n} worlds broke and {fixed} were fixed, which may be chance (p = "
             f"{min(worse, better):.2g}): it takes at least {more} more worlds that change alike"
         )
     return Decision(
@@ -150,24 +151,57 @@ def decide(
         reason=f"{reason}.".replace("%", " %"),
         worlds=n,
         broken=broken,
-        mended=mended,
+        fixed=fixed,
         p_worse=worse,
         p_better=better,
-        increase=(broken - mended) / n,
+        increase=(broken - fixed) / n,
         at_most=at_most,
         margin=margin,
         more=more,
     )
 
 
-def increase_at_most(broken: int, mended: int, worlds: int) -> float:
+def demand(
+    decision: Decision,
+    changes: Sequence[Change],
+    *,
+    max_failing: int | None = None,
+    require_fixed: float | None = None,
+) -> Decision:
+    """Fail an agent of which more is asked than no regression.
+
+    Args:
+        decision: What `decide` says of these changes.
+        changes: What became of each world.
+        max_failing: How many worlds may fail.
+        require_fixed: The share of the known failures that must be fixed.
+
+    Raises:
+        UserError: If an argument is out of its range.
+    """
+    check_integer("max_failing", max_failing or 0, 0, _MOST_WORLDS)
+    if not 0.0 <= (require_fixed or 0.0) <= 1.0:
+        raise UserError(f"Expected require_fixed from 0 to 1, such as 0.5, got {require_fixed}.")
+    known = changes.count("still fails")
+    failing, before = known + decision.broken, known + decision.fixed
+    if max_failing is not None and failing > max_failing:
+        reason = f"{failing} worlds fail, and {max_failing} may."
+    elif decision.fixed < (require_fixed or 0.0) * before:
+        required = f"{require_fixed:.0%} must be".replace("%", " %")
+        reason = f"{decision.fixed} of {before} known failures are fixed, and {required}."
+    else:
+        return decision
+    return decision.model_copy(update={"status": "failed", "reason": reason})
+
+
+def increase_at_most(broken: int, fixed: int, worlds: int) -> float:
     """Bound the increase of the failure rate from above, at 95 % confidence."""
     from scipy.stats import binomtest
 
-    # where none is mended, 0 bounds that rate from below for sure, and all risk is the other's
-    level = 1.0 - ALPHA if not mended else 1.0 - ALPHA / 2
+    # where none is fixed, 0 bounds that rate from below for sure, and all risk is the other's
+    level = 1.0 - ALPHA if not fixed else 1.0 - ALPHA / 2
     most = binomtest(broken, worlds, alternative="less").proportion_ci(level).high
-    least = binomtest(mended, worlds, alternative="greater").proportion_ci(1 - ALPHA / 2).low
+    least = binomtest(fixed, worlds, alternative="greater").proportion_ci(1 - ALPHA / 2).low
     return float(most - least)
 
 
@@ -180,20 +214,20 @@ def _p_value(more: int, less: int) -> float:
     return float(binomtest(more, more + less, alternative="greater").pvalue)
 
 
-def _more_discordant(broken: int, mended: int) -> int:
-    most, least = max(broken, mended), min(broken, mended)
+def _more_discordant(broken: int, fixed: int) -> int:
+    most, least = max(broken, fixed), min(broken, fixed)
     more = 1
     while _p_value(most + more, least) > ALPHA:
         more += 1
     return more
 
 
-def _more_for_margin(broken: int, mended: int, worlds: int, margin: float) -> int | None:
+def _more_for_margin(broken: int, fixed: int, worlds: int, margin: float) -> int | None:
     """Estimate how many more worlds show that an increase is within a margin, at these rates."""
 
     def shows(count: int) -> bool:
         scale = count / worlds
-        bound = increase_at_most(round(broken * scale), round(mended * scale), count)
+        bound = increase_at_most(round(broken * scale), round(fixed * scale), count)
         return bound <= margin
 
     low = high = worlds

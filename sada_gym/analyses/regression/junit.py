@@ -10,14 +10,14 @@ from sada_gym.analyses.regression.regress import CaseResult, Regression
 from sada_gym.foundations.files import shown
 
 _SHOWN = 20
-_COLUMNS: tuple[Change, ...] = ("mended", "still fails", "came back", "broke newly", "still passes")
+_COLUMNS: tuple[Change, ...] = ("fixed", "still fails", "regressed", "new failure", "still passes")
 _VERBS = {"passed": "passes", "failed": "fails", "inconclusive": "cannot be judged"}
 
 
 def junit(result: Regression) -> bytes:
     """Write a result as JUnit XML: a test case a world.
 
-    A world that came back or broke newly is a failure. One that still fails is skipped, for it is
+    A world that regressed or newly fails is a failure. One that still fails is skipped, for it is
     known, and so is one that is invalid.
     """
     changes = Counter(world.change for world in result.worlds)

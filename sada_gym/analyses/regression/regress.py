@@ -19,6 +19,7 @@ from sada_gym.analyses.regression.compare import (
     change_of,
     check_margin,
     decide,
+    demand,
     verdict_of,
 )
 from sada_gym.analyses.regression.suite import Case, Item, Suite, Verdict, read_suite
@@ -101,6 +102,8 @@ def regress(
     *,
     baseline: str | Path | Application | None = None,
     margin: float | None = None,
+    max_failing: int | None = None,
+    require_fixed: float | None = None,
     workers: int | Workers = 1,
     store: str | Path | None = None,
     on_scores: OnScores = lambda *_: None,
@@ -113,6 +116,8 @@ def regress(
             the application takes it; or the application itself, with the agent in it.
         baseline: What to compare it with, of the same kinds; None takes what the suite expects.
         margin: See `decide`.
+        max_failing: See `demand`.
+        require_fixed: See `demand`.
         workers: See `Workers`.
         store: Keeps the scores, so that a call that was stopped goes on where it was.
         on_scores: See `OnScores`.
@@ -140,11 +145,9 @@ def regress(
         for i, case in enumerate(content.test_cases)
     )
     known = content.test_item.target.application if before is None else before.target.application
-    decision = decide(
-        [world.change for world in worlds],
-        margin=margin,
-        unchanged=known == now.target.application,
-    )
+    changes = [world.change for world in worlds]
+    decision = decide(changes, margin=margin, unchanged=known == now.target.application)
+    decision = demand(decision, changes, max_failing=max_failing, require_fixed=require_fixed)
     return Regression(
         suite=str(path),
         suite_agent=shown(content.test_item.target.agent),

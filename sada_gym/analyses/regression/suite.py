@@ -214,7 +214,7 @@ def read_suite(given: str | Path) -> tuple[Path, Suite]:
         suite = Suite.model_validate_json(content.decode("utf-8-sig"), strict=True)
     except ValidationError as error:
         raise FileError(
-            f"{expected} another one ({first_error(error)}). Restore the file, or mend that place."
+            f"{expected} another one ({first_error(error)}). Restore the file, or fix that place."
         ) from error
     _check_scenarios(path, suite)
     return path, suite

@@ -32,7 +32,7 @@ CLOSE = 1e-4
 """Another processor rounds otherwise: a score may be so far from the stored one."""
 
 _DRAWING = (
-    "Without pictures the score is the stored one, so drawing changes the episode. Mend the "
+    "Without pictures the score is the stored one, so drawing changes the episode. Fix the "
     "environment's render, or what it does with a render_mode, so that it changes nothing."
 )
 

@@ -51,7 +51,7 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
 
     Example:
         >>> env = make_vec_env(lambda: FailureCurriculum("pole.toml", "runs/pole"), n_envs=8)
-        >>> PPO.load("pole.zip", env=env).learn(100_000).save("mended.zip")
+        >>> PPO.load("pole.zip", env=env).learn(100_000).save("fixed.zip")
     """
 
     def __init__(

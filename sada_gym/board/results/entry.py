@@ -288,7 +288,7 @@ def read_metadata(folder: Path) -> EntryMetadata:
     except ValidationError as error:
         raise FileError(
             f"Expected {path} to describe an entry, got something else ({first_error(error)}). "
-            "Mend that place, or make the entry anew."
+            "Fix that place, or make the entry anew."
         ) from error
     if metadata.name != folder.resolve().name:
         raise UserError(

@@ -79,12 +79,12 @@ def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> 
         if not text.strip():
             refuse(f"in {path}", f"a text as {name}", "an empty one", "Fill it in")
     if metadata.licence and not _LICENCE.fullmatch(metadata.licence):
-        mend = "Write one as SPDX names it, such as CC-BY-4.0 or MIT"
-        refuse(f"in {path}", "a licence's SPDX name", repr(metadata.licence), mend)
+        fix = "Write one as SPDX names it, such as CC-BY-4.0 or MIT"
+        refuse(f"in {path}", "a licence's SPDX name", repr(metadata.licence), fix)
     for name, address in (("paper", metadata.paper), ("repository", metadata.repository)):
         if address and not _ADDRESS.fullmatch(address):
-            mend = "Write it in full, as https://doi.org/10.1609/aaai.v34i07.6722, or leave it out"
-            refuse(f"in {path}", f"the address of a page as {name}", repr(address), mend)
+            fix = "Write it in full, as https://doi.org/10.1609/aaai.v34i07.6722, or leave it out"
+            refuse(f"in {path}", f"the address of a page as {name}", repr(address), fix)
 
 
 def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
@@ -99,9 +99,9 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
         if not changes:
             dimensions[place] = current_target(target.track, target.agent).dimension
         elif submission:
-            mend = "Make the result anew with this version of sada_gym"
+            fix = "Make the result anew with this version of sada_gym"
             current = f"{place} to be of today's track, agent, rule and options"
-            refuse(f"in {files.claims}", current, f"other ones: {changes.rstrip('.')}", mend)
+            refuse(f"in {files.claims}", current, f"other ones: {changes.rstrip('.')}", fix)
         _check_result(files.claims, result, submission)
     samples = _read_samples(files, results, dimensions)
     for result in results:
@@ -140,8 +140,8 @@ def _check_result(path: Path, result: Result, submission: bool) -> None:
     if not seeds:
         refuse(where, "at least one seed", "none")
     if submission and seeds != list(range(len(seeds))):
-        mend = "Submit all of them, so that nobody can choose the best ones"
-        refuse(where, "the seeds 0, 1, 2 and so on", shown(str(seeds)), mend)
+        fix = "Submit all of them, so that nobody can choose the best ones"
+        refuse(where, "the seeds 0, 1, 2 and so on", shown(str(seeds)), fix)
     for claims in result.seeds:
         _check_seed(f"for seed {claims.seed} of {place}", experiment, claims)
 
@@ -152,9 +152,9 @@ def _check_seed(where: str, experiment: Experiment, claims: SeedResult) -> None:
         got = "neither" if claims.measures is None else "both"
         refuse(where, "either measures or an error", got)
     if claims.queries > protocol.budget:
-        mend = "Spend no more than the rule allows"
+        fix = "Spend no more than the rule allows"
         allowed = f"at most {protocol.budget:,} queries, the budget of {protocol.rule},"
-        refuse(where, allowed, f"{claims.queries:,}", mend)
+        refuse(where, allowed, f"{claims.queries:,}", fix)
     if search is not None and (search.queries != claims.queries or search.fooled > claims.queries):
         got = f"{search.fooled:,} fooling ones of {search.queries:,}"
         refuse(where, f"a search of {claims.queries:,} queries", got)

@@ -26,9 +26,9 @@ _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,150}")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows
 
 
-def refuse(where: str, expected: str, got: object, mend: str = "Make the entry anew") -> NoReturn:
-    """Raise a UserError that says what was expected, where, what came, and how to mend it."""
-    raise UserError(f"Expected {expected} {where}, got {got}. {mend}.")
+def refuse(where: str, expected: str, got: object, fix: str = "Make the entry anew") -> NoReturn:
+    """Raise a UserError that says what was expected, where, what came, and how to fix it."""
+    raise UserError(f"Expected {expected} {where}, got {got}. {fix}.")
 
 
 def check_files(folder: Path, *, submission: bool) -> list[str]:
@@ -61,11 +61,11 @@ def _measure_file(folder: Path, file: os.DirEntry[str], submission: bool) -> int
         refuse(f"in {folder}", only, shown(repr(file.name)), "Remove it")
     status, limit = file.stat(follow_symlinks=False), MAX_BYTES[ending]
     if not stat.S_ISREG(status.st_mode):
-        got, mend = "a link, a folder or a device", "Put the file itself there"
-        refuse(f"in {path}", "a regular file", got, mend)
+        got, fix = "a link, a folder or a device", "Put the file itself there"
+        refuse(f"in {path}", "a regular file", got, fix)
     if submission and ending == VERIFIED:
-        mend = "Remove it; the verifier writes such files"
-        refuse("in a submission", "no results of the verifier", path, mend)
+        fix = "Remove it; the verifier writes such files"
+        refuse("in a submission", "no results of the verifier", path, fix)
     if status.st_size > limit:
         refuse(f"in {path}", f"at most {limit:,} bytes", f"{status.st_size:,}")
     return status.st_size
@@ -90,8 +90,8 @@ def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
     for stem, present in sorted(endings.items()):
         for ending in (CLAIMS, SAMPLES):
             if ending not in present:
-                beside, mend = f"beside {stem}{min(present)}", "Add it, or remove the other file"
-                refuse(f"in {folder}", f"{stem}{ending} {beside}", "none", mend)
+                beside, fix = f"beside {stem}{min(present)}", "Add it, or remove the other file"
+                refuse(f"in {folder}", f"{stem}{ending} {beside}", "none", fix)
     return sorted(endings)
 
 

@@ -168,7 +168,7 @@ class Drive(Episodes[DriveStart]):
         if given.shape not in ((len(which), 2), (len(which), 3)) or not np.isfinite(given).all():
             raise UserError(
                 "Expected (steer, acceleration) or (steer, throttle, brake) as finite numbers, got "
-                f"{given.tolist()} at {self.where(0)}. Mend the driver."
+                f"{given.tolist()} at {self.where(0)}. Fix the driver."
             )
         steer, *others = given[0].tolist()
         throttle, brake = others if len(others) == 2 else (others[0], -others[0])

@@ -354,7 +354,7 @@ def check_inside(found: ImageSet, file: Callable[[int], str]) -> None:
             box = known.boxes[int(inside.argmin())].round(1).tolist()
             raise UserError(
                 f"Expected boxes inside of {found.names[i]}, which is {width} x {height} px, got "
-                f"{box} in {file(i)}. Mend the label."
+                f"{box} in {file(i)}. Fix the label."
             )
 
 

@@ -35,15 +35,15 @@ def film() -> Path:
         MissingPart: If it is not there, or another one.
     """
     path = Path(os.environ.get(VARIABLE) or FILM)
-    mend = (
+    fix = (
         f"Install it by `sudo apt install opencv-doc`, or set {VARIABLE} to the vtest.avi of "
         "OpenCV's examples."
     )
     if not path.is_file():
-        raise MissingPart(f"Expected the film {path}, got no such file. {mend}")
+        raise MissingPart(f"Expected the film {path}, got no such file. {fix}")
     got = hashlib.sha256(read_file(path, _MAX_BYTES)).hexdigest()
     if got != SHA256:
-        raise MissingPart(f"Expected {path} with SHA-256 {SHA256[:12]}..., got {got[:12]}. {mend}")
+        raise MissingPart(f"Expected {path} with SHA-256 {SHA256[:12]}..., got {got[:12]}. {fix}")
     return path
 
 

@@ -395,7 +395,7 @@ class Attribute(ParameterBinding):
         numbers = as_array(value, f"what is at {path!r}")
         if not numbers.size:
             raise UserError(
-                f"Expected an entry at {path!r} of {factory.name} for {name!r}, got none. Mend the "
+                f"Expected an entry at {path!r} of {factory.name} for {name!r}, got none. Fix the "
                 "slice."
             )
         if numbers.dtype.kind not in "iuf":

@@ -284,7 +284,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def describe_stale(stale: Mapping[str, str]) -> str:
-    """Say which attributes are stale and what mends it; "" where there are none."""
+    """Say which attributes are stale and what fixes it; "" where there are none."""
     if not stale:
         return ""
     known = {path: text for path, text in stale.items() if text}

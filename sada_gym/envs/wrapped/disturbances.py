@@ -194,7 +194,7 @@ class Disturbance(ParameterBinding):
             limit = "" if maximum == np.inf else f" and at most {maximum:g}"
             raise UserError(
                 f"Expected {type(self).__name__} {name!r} of at least {self.minimum:g}{limit}, "
-                f"{'whole numbers, ' if self.whole else ''}got {values}. Mend its range."
+                f"{'whole numbers, ' if self.whole else ''}got {values}. Fix its range."
             )
         return super().parameter(name)
 

@@ -293,7 +293,7 @@ class RunningEpisode:
         """Return which actions are valid now, (k,)."""
         assert self.env is not None
         name = self._spec.factory.name
-        with explained(f"Expected valid actions from action_masks() of {name}", "Mend it."):
+        with explained(f"Expected valid actions from action_masks() of {name}", "Fix it."):
             mask = np.asarray(self.env.get_wrapper_attr("action_masks")(), np.bool_).ravel()
         if not mask.any():
             raise UserError(f"Expected a valid action in {name}, got action_masks() with none.")
@@ -338,7 +338,7 @@ class RunningEpisode:
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
         with (
             environment_variables(headless),
-            explained(f"Expected {name} to draw a frame", "Mend its render."),
+            explained(f"Expected {name} to draw a frame", "Fix its render."),
         ):
             frame: Any = self.env.render()
         frame = as_frame(frame, f"render of {name}")
@@ -346,7 +346,7 @@ class RunningEpisode:
         if frame.shape != self._frame_shape:
             raise UserError(
                 f"Expected frames of one size from {name}, got {frame.shape} after "
-                f"{self._frame_shape}. Mend its render."
+                f"{self._frame_shape}. Fix its render."
             )
         return np.array(frame)
 

@@ -130,7 +130,7 @@ class EnvFactory:
         limit = None if self.max_steps == "own" else self.max_steps
         if by_id and limit is not None:
             all_keywords["max_episode_steps"] = limit
-        mend = (
+        fix = (
             "Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
             "whole number."
         )
@@ -142,8 +142,8 @@ class EnvFactory:
             raise self._missing_package(error) from error
         except (Exception, SystemExit) as error:  # whatever a constructor may raise
             expected = f"Expected {self.name} to be made with {all_keywords}"
-            mend = mend if keywords else ""
-            raise broken_world("its constructor", error, expected, mend) from error
+            fix = fix if keywords else ""
+            raise broken_world("its constructor", error, expected, fix) from error
         if not isinstance(env, gym.Env):
             raise UserTypeError(
                 f"Expected {self.name} to make a gymnasium.Env, got {type(env).__name__}. Return "

@@ -167,8 +167,8 @@ def _current(env: Any, path: str, *, must_exist: bool) -> Any:
 
 
 def _set(env: Any, path: str, value: Any) -> None:
-    mend = "Name another attribute, or set it by Function(low, high, set=...)."
-    with explained(f"Expected {path!r} to be settable to {value!r}", mend, InvalidWorld):
+    fix = "Name another attribute, or set it by Function(low, high, set=...)."
+    with explained(f"Expected {path!r} to be settable to {value!r}", fix, InvalidWorld):
         if isinstance(env, ServedEnv):
             env.write_steps(_steps(path), value)
         else:

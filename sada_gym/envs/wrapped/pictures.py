@@ -126,7 +126,7 @@ class EpisodePictures(EpisodePlayer):
             return frames
         warnings.warn(
             f"Pictures of {self.episode_spec.factory.name} show other episodes than are scored: "
-            "its render, or its render_mode, changes what happens. Mend it.",
+            "its render, or its render_mode, changes what happens. Fix it.",
             Notice,
             stacklevel=3,
         )

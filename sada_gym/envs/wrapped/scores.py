@@ -213,7 +213,7 @@ class FunctionScore(Score):
     def __call__(self, episode: Episode) -> tuple[float, bool]:
         """Call the function, and check what it returns."""
         name = function_name(self.function)
-        with explained(f"Expected a score from {name}", "Mend the function."):
+        with explained(f"Expected a score from {name}", "Fix the function."):
             score: Any = self.function(episode)
         if not _is_finite(score) and not isinstance(score, bool | np.bool_):
             raise UserTypeError(

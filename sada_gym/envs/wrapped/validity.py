@@ -19,7 +19,7 @@ def check_valid(env: Any, valid: Callable[[Any], bool | str] | None, name: str) 
         reason = env.fault if isinstance(env, ServedEnv) else mujoco_fault(env)
     else:
         called = function_name(valid)
-        with explained(f"Expected {called} to judge the world of an episode", "Mend the function."):
+        with explained(f"Expected {called} to judge the world of an episode", "Fix the function."):
             verdict: Any = valid(env)
         if not isinstance(verdict, bool | np.bool_ | str):
             raise UserTypeError(

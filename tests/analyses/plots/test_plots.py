@@ -234,7 +234,7 @@ class Odd(Toy):
     ("frame", "message"),
     [
         (None, "No frames are drawn: Odd.render raised RuntimeError: no window"),
-        (np.zeros(8), r"Expected a frame .*of shape \(8,\) and type float64. Mend Odd.render"),
+        (np.zeros(8), r"Expected a frame .*of shape \(8,\) and type float64. Fix Odd.render"),
         (np.zeros((8, 8, 5), np.uint8), r"of shape \(8, 8, 5\) and type uint8"),
         (np.zeros((0, 8, 3), np.uint8), r"of shape \(0, 8, 3\)"),
         ("a frame", "Expected a frame"),

@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from sada_gym.analyses.regression.compare import Change, decide, increase_at_most, verdict_of
+from sada_gym.analyses.regression.compare import (
+    Change,
+    decide,
+    demand,
+    increase_at_most,
+    verdict_of,
+)
 from sada_gym.errors import UserError
 
 
-def changes(broken=0, mended=0, same=0) -> list[Change]:
-    return ["broke newly"] * broken + ["mended"] * mended + ["still passes"] * same
+def changes(broken=0, fixed=0, same=0) -> list[Change]:
+    return ["new failure"] * broken + ["fixed"] * fixed + ["still passes"] * same
 
 
 @pytest.mark.parametrize(
-    ("broken", "mended", "status"),
+    ("broken", "fixed", "status"),
     [
         (0, 0, "passed"),  # nothing broke
         (0, 1, "passed"),
@@ -29,10 +35,10 @@ def changes(broken=0, mended=0, same=0) -> list[Change]:
         (5, 12, "inconclusive"),
     ],
 )
-def test_without_a_margin_the_exact_test_decides(broken, mended, status):
-    decision = decide(changes(broken, mended, 40))
+def test_without_a_margin_the_exact_test_decides(broken, fixed, status):
+    decision = decide(changes(broken, fixed, 40))
     assert decision.status == status
-    assert decision.p_worse == pytest.approx(binom.sf(broken - 1, broken + mended, 0.5))
+    assert decision.p_worse == pytest.approx(binom.sf(broken - 1, broken + fixed, 0.5))
     assert (decision.more is not None) == (status == "inconclusive")
 
 
@@ -69,9 +75,9 @@ def test_the_same_agent_whose_worlds_changed_is_not_unchanged():
 
 def test_the_bound_holds_95_times_in_100():
     rng = np.random.default_rng(0)
-    broken, mended, worlds = 0.12, 0.07, 60
-    counts = rng.multinomial(worlds, [broken, mended, 1 - broken - mended], size=1_000)
-    held = [increase_at_most(b, m, worlds) >= broken - mended for b, m, _ in counts.tolist()]
+    broken, fixed, worlds = 0.12, 0.07, 60
+    counts = rng.multinomial(worlds, [broken, fixed, 1 - broken - fixed], size=1_000)
+    held = [increase_at_most(b, m, worlds) >= broken - fixed for b, m, _ in counts.tolist()]
     assert np.mean(held) >= 0.95
 
 
@@ -107,3 +113,26 @@ def test_a_bad_margin_is_told(margin):
 )
 def test_most_valid_seeds_decide_a_world(fooled, invalid, verdict):
     assert verdict_of(np.array(fooled, bool), np.array(invalid, bool)) == verdict
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "reason"),
+    [
+        ({}, "passed", "No regression: 3 fixed, 5 known failures remain, none new."),
+        ({"max_failing": 5, "require_fixed": 0.375}, "passed", "No regression"),
+        ({"max_failing": 4}, "failed", "5 worlds fail, and 4 may."),
+        ({"max_failing": 0}, "failed", "5 worlds fail, and 0 may."),
+        ({"require_fixed": 0.5}, "failed", "3 of 8 known failures are fixed, and 50 % must be."),
+    ],
+)
+def test_more_may_be_asked_than_no_regression(asked, status, reason):
+    found = [*changes(fixed=3, same=10), *["still fails"] * 5]
+    decision = demand(decide(found), found, **asked)
+    assert decision.status == status
+    assert decision.reason.startswith(reason)
+
+
+@pytest.mark.parametrize("asked", [{"max_failing": -1}, {"require_fixed": 1.5}])
+def test_what_may_be_asked(asked):
+    with pytest.raises(UserError, match="Expected"):
+        demand(decide(changes(same=3)), changes(same=3), **asked)

@@ -65,9 +65,9 @@ def test_a_suite_holds_confirmed_failures_and_as_many_passes_near_them(toy):
 
 @pytest.mark.parametrize(
     ("offset", "change", "exit_code"),
-    [(OLD, "still fails", 0), (OLD + 0.2, "mended", 0), (OLD - 0.1, "broke newly", 1)],
+    [(OLD, "still fails", 0), (OLD + 0.2, "fixed", 0), (OLD - 0.1, "new failure", 1)],
 )
-def test_unchanged_mended_and_worse_agents(toy, offset, change, exit_code):
+def test_unchanged_fixed_and_worse_agents(toy, offset, change, exit_code):
     result = regress(toy, Toy(2, offset=offset))
     counts = result.counts()
     assert result.exit_code == exit_code
@@ -89,7 +89,7 @@ def test_one_broken_world_is_inconclusive(toy, tmp_path):
     edited.write_text(json.dumps(content))
     result = regress(edited, Toy(2, offset=OLD))
     assert result.exit_code == 3
-    assert result.counts()["came back"] == 1
+    assert result.counts()["regressed"] == 1
     assert "at least 4 more worlds" in result.decision.reason
 
 
@@ -110,10 +110,10 @@ def test_a_suite_of_one_world_with_tags_for_its_name(toy, tmp_path):
 def test_a_baseline_replaces_what_the_suite_expects(toy):
     better, worse = Toy(2, offset=OLD + 0.2), Toy(2, offset=OLD - 0.05)
     result = regress(toy, worse, baseline=better)
-    assert result.counts()["came back"] > 5
+    assert result.counts()["regressed"] > 5
     assert result.exit_code == 1
     reverse = regress(toy, better, baseline=worse)
-    assert reverse.decision.mended == result.decision.broken
+    assert reverse.decision.fixed == result.decision.broken
     assert reverse.exit_code == 0
     again = regress(toy, better, baseline=Toy(2, offset=OLD + 0.2), margin=0.01)
     assert again.exit_code == 0
@@ -164,13 +164,13 @@ def test_junit_and_markdown_say_what_broke(toy, tmp_path):
     cases = [*suite]
     kinds = [type(told) for case in cases for told in case.result]
     assert len(cases) == len(result.worlds) == suite.tests
-    assert kinds.count(Failure) == suite.failures == counts["broke newly"]
+    assert kinds.count(Failure) == suite.failures == counts["new failure"]
     assert kinds.count(Skipped) == suite.skipped == counts["still fails"]
     assert any("<script>" in case.name for case in cases)
     text = markdown(result)
     assert "<script>" not in text
     assert "fails" in text.splitlines()[0]
-    assert text.count("| broke newly |") >= counts["broke newly"] > 0
+    assert text.count("| new failure |") >= counts["new failure"] > 0
 
 
 def test_runs_of_one_agent_make_one_suite_and_others_are_refused(tmp_path):

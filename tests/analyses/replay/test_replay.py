@@ -200,7 +200,7 @@ def test_an_application_without_pictures_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (([np.zeros(5)] * 9, 0.1), r"of shape \(5,\) and type float64. Mend Bad.replay"),
+        (([np.zeros(5)] * 9, 0.1), r"of shape \(5,\) and type float64. Fix Bad.replay"),
         (([], 0.1), "Expected frames from Bad.replay, got none"),
         ([np.zeros((5, 5, 3), np.uint8)], "a list of frames and a score from Bad.replay, got"),
         ((3, 0.1), r"a score from Bad.replay, got \(3, 0.1\)"),

@@ -428,7 +428,7 @@ def test_pickles_are_never_opened(tmp_path: Path) -> None:
 def test_bad_orientation_is_explained(tmp_path: Path, text: str, flaw: str) -> None:
     _write(tmp_path)
     (tmp_path / "shapes.json").write_text(text)
-    with pytest.raises(ValueError, match=rf"shapes\.json to be such as .*{flaw}.*; mend it"):
+    with pytest.raises(ValueError, match=rf"shapes\.json to be such as .*{flaw}.*; fix it"):
         load_folder(tmp_path)
 
 

@@ -234,7 +234,7 @@ def test_one_drive_at_a_time():
 
 
 @pytest.mark.long
-def test_another_environment_in_this_process_is_told_by_what_mends_it():
+def test_another_environment_in_this_process_is_told_by_what_fixes_it():
     from metadrive import MetaDriveEnv
     from metadrive.engine.base_engine import BaseEngine
 

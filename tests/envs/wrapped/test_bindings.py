@@ -530,7 +530,7 @@ def test_factors_that_meet_act_once_each():
         (Attribute(0.5, 2.0, "masses"), r"Name one entry, such as 'masses\[0\]', or all by \[:\]"),
         (Attribute(0.5, 2.0, "params"), r"Name one entry, such as 'params\[\"mass\"\]'"),
         (Attribute(0.5, 2.0, "params", factor=True), "Name one entry"),
-        (Attribute(0.5, 2.0, "masses[5:]"), r"an entry at 'masses\[5:\]' .* Mend the slice"),
+        (Attribute(0.5, 2.0, "masses[5:]"), r"an entry at 'masses\[5:\]' .* Fix the slice"),
         (Attribute(0.5, 2.0, "names[:]"), r"numbers at 'names\[:\]'"),
         (Attribute(0.5, 2.0, "names[0]", factor=True), r"numbers at 'names\[0\]'"),
         (Attribute(0.5, 2.0, "counts", factor=True), r"int64, which would round them"),

@@ -164,9 +164,9 @@ def test_expressions_that_were_found_make_the_attributes_right():
     with pytest.warns(Notice) as told:
         found = application({"length": (1.0, 2.0)}, Reader)
     assert "derived = { inertia = " in str(told[0].message)
-    mended = application({"length": (1.0, 2.0)}, Reader, derived=found.stale)
-    assert mended.stale == {}
-    env = world(mended)
+    fixed = application({"length": (1.0, 2.0)}, Reader, derived=found.stale)
+    assert fixed.stale == {}
+    env = world(fixed)
     assert (env.length, env.height, env.inertia) == (2.0, 3.0, 3.0)
     assert env.slow == pytest.approx(0.25 * env.period)
     assert env.period == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8))

@@ -24,7 +24,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_second_engine_is_told_by_what_mends_it():
+def test_a_second_engine_is_told_by_what_fixes_it():
     with pytest.raises(UserError, match=r"Set num_envs=1.*after engine initialization"):
         driving()
 

@@ -46,7 +46,7 @@ def no_engine(monkeypatch):
 
 @pytest.mark.parametrize("late", [False, True], ids=["constructor", "reset"])
 @pytest.mark.parametrize("second", ["raises", "hangs"])
-def test_a_second_engine_that_fails_is_told_by_what_mends_it(second, late, monkeypatch):
+def test_a_second_engine_that_fails_is_told_by_what_fixes_it(second, late, monkeypatch):
     monkeypatch.setattr(inspection, "_PATIENCE_S", 0.3)
     with pytest.raises(UserError, match=r"one alone works\. Set num_envs=1 \(num_envs = 1 in TOML"):
         one_engine(second, late=late)

@@ -315,7 +315,7 @@ def test_each_connection_has_a_process_that_ends_with_it_and_with_the_server():
         (last,) = children.read_text().split()[1:]
         program.send_signal(signal.SIGINT)
         assert program.wait(9.0) == 0
-        with pytest.raises(ServerLost, match=r"the process died, or closed it\. Mend or restart"):
+        with pytest.raises(ServerLost, match=r"the process died, or closed it\. Fix or restart"):
             made[1]()
         until = time.monotonic() + 9.0
         while Path(f"/proc/{last}").exists() and not ended(last):

@@ -24,22 +24,22 @@ def load_any(name: str, *, detectors_only: bool = False) -> tuple[Any, bool]:
             name, or cannot get its weights.
     """
     expected = f"Expected torchvision for the agent 'torchvision:{name}'"
-    mend = "Install the torchvision that fits this torch: pip install torchvision."
+    fix = "Install the torchvision that fits this torch: pip install torchvision."
     try:
-        with explained(expected, mend):
+        with explained(expected, fix):
             from torchvision import models
             from torchvision.models import detection
     except UserError as error:
         if isinstance(error.__cause__, ModuleNotFoundError):
-            raise MissingExtra(f"{expected}, got none. {mend}") from error
+            raise MissingExtra(f"{expected}, got none. {fix}") from error
         raise
     detectors = models.list_models(module=detection)
     others = [] if detectors_only else models.list_models(module=models)
     what = "detector" if detectors_only else "model"
     check_known(f"{what} of torchvision", [name], [*detectors, *others])
     weights = models.get_model_weights(name).DEFAULT
-    mend = "Connect to the internet for the first use, or put the file where torchvision looks."
-    with explained(f"Expected torchvision to get the weights of {name}", mend):
+    fix = "Connect to the internet for the first use, or put the file where torchvision looks."
+    with explained(f"Expected torchvision to get the weights of {name}", fix):
         model = models.get_model(name, weights=weights)
     unused = ("__background__", "N/A")
     categories = enumerate(weights.meta["categories"])

@@ -45,7 +45,7 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
     """
     points = np.concatenate([np.asarray(part.mesh.vertices, float) for part in parts])
     if not np.isfinite(points).all():
-        raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
+        raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; fix them.")
     faces = np.concatenate([part.mesh.faces for part in parts])
     owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
     faces += np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])[owner, None]

@@ -222,7 +222,7 @@ def _settings(file: Path) -> FolderSettings:
         )
         raise UserError(
             f'Expected {file} to be such as {{"up": "+y", "front": "-z"}}, got a file with: '
-            f"{flaws}; mend it, or remove it for these defaults."
+            f"{flaws}; fix it, or remove it for these defaults."
         ) from error
 
 

@@ -113,7 +113,7 @@ def _shape(model: _Model, folder: str | None) -> Shape:
         with zipfile.ZipFile(path) as archive:
             return _read(model, path, Companions.in_archive(archive, model.member))
     except (zipfile.BadZipFile, OSError) as error:
-        raise FileError(f"Expected a ZIP in {path}, got {error}. {_mending(model)}") from error
+        raise FileError(f"Expected a ZIP in {path}, got {error}. {_fixing(model)}") from error
 
 
 def check_installed() -> None:
@@ -131,11 +131,11 @@ def _find(model: _Model, file: str, folder: str | None) -> Path:
             return root / file
     raise MissingPart(
         f"Expected {file} in {' or '.join(map(str, roots))} for the models of {model.set}, got no "
-        f"such file. {_mending(model)}"
+        f"such file. {_fixing(model)}"
     )
 
 
-def _mending(model: _Model) -> str:
+def _fixing(model: _Model) -> str:
     return (
         f"Install it by `sudo apt install {_PACKAGES[model.set]}`, or set {FOLDER_VARIABLE} to "
         "the folder that holds it."
@@ -157,5 +157,5 @@ def _read(model: _Model, path: Path, companions: Companions) -> Shape:
         return assemble_textured(name, model.object_class, mesh, rotation, model.paint)
     except UserError as error:
         raise FileError(
-            f"Expected {model.member} in {path} as Debian 12 has it, got {error}. {_mending(model)}"
+            f"Expected {model.member} in {path} as Debian 12 has it, got {error}. {_fixing(model)}"
         ) from error

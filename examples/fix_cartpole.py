@@ -1,6 +1,6 @@
 """Find where a balancer drops its pole, train it there, and attack it again: twice.
 
-    python examples/mend_cartpole.py
+    python examples/fix_cartpole.py
 
 It takes some minutes. The training goes on with one model: each round attacks the model as it is,
 and the environments take the new adversary as the source of half of their worlds.
@@ -36,7 +36,7 @@ def make_application(agent: PPO) -> GymnasiumApplication:
 
 def find_failures(agent: PPO, number: int) -> Run:
     """Attack the agent as it is, and say how often it fails."""
-    folder = f"runs/mend-cartpole/{number}"
+    folder = f"runs/fix-cartpole/{number}"
     application = make_application(agent)
     run = attack(application, "level-set", budget=BUDGET, out=folder, resume=True)
     print(f"round {number}: {run.result.afr:.0%} of the new worlds fool the agent")
@@ -64,7 +64,7 @@ def main() -> None:
         env.env_method("set_source", str(found.folder))
         agent.learn(TRAINING_STEPS)
     find_failures(agent, 2)
-    agent.save("runs/mend-cartpole/mended.zip")
+    agent.save("runs/fix-cartpole/fixed.zip")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Find the cameras and weathers that the shipped driver fails with, and train it on there.
+"""Find the conditions in which the shipped robot fails, and train it on there.
 
-    python examples/mend_driver.py
+    python examples/fix_robot.py
 
 It takes some minutes. The episodes go on in lockstep, which is faster than `FailureCurriculum` many
 times.
@@ -9,13 +9,13 @@ times.
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sada_gym import agents, attack, curriculum_vec_env
-from sada_gym.envs.driving.agent.network import new_model
+from sada_gym.envs.robot.agent.network import new_model
 from sada_gym.foundations.determinism import one_thread
 
-TRACK = "SADA-Driving-Straight-v0"
+TRACK = "SADA-Robot-v0"
 BUDGET = 1_000
-TRAINING_STEPS = 40_000
-FOLDER = "runs/mend-driver"
+TRAINING_STEPS = 200_000
+FOLDER = "runs/fix-robot"
 
 
 def main() -> None:
@@ -25,21 +25,21 @@ def main() -> None:
 
     env = curriculum_vec_env(TRACK, first.folder, num_envs=16)
     with one_thread():
-        driver = new_model(
+        robot = new_model(
             0,
-            VecNormalize(VecMonitor(env), norm_obs=False, gamma=0.97),
-            n_steps=128,
+            VecNormalize(VecMonitor(env), norm_obs=False, gamma=0.98),
+            n_steps=64,
             batch_size=256,
-            learning_rate=5e-5,
-            gamma=0.97,
+            learning_rate=2e-4,
+            gamma=0.98,
             target_kl=0.03,
         )
-        driver.policy.load_state_dict(agents.load("ppo", "SADA-Driving").policy.state_dict())
-        driver.learn(TRAINING_STEPS)
+        robot.policy.load_state_dict(agents.load("ppo", "SADA-Robot").policy.state_dict())
+        robot.learn(TRAINING_STEPS)
 
-    given = {"env_kwargs": {"agent": driver}, "out": f"{FOLDER}/after"}
+    given = {"env_kwargs": {"agent": robot}, "out": f"{FOLDER}/after"}
     second = attack(TRACK, "level-set", budget=BUDGET, resume=True, **given)
-    for name, run in (("ppo", first), ("the mended driver", second)):
+    for name, run in (("ppo", first), ("the fixed robot", second)):
         print(f"{run.result.afr:.0%} of the new worlds fool {name}")
 
 

@@ -1,10 +1,10 @@
-"""Attack a lander, train it on where it failed, and attack the mended one.
+"""Attack a lander, train it on where it failed, and attack the fixed one.
 
     pip install -c constraints.txt '.[examples]'    # Box2D
     python examples/lunar_lander.py         # trains lander.zip and attacks it
-    python examples/mend_lunar_lander.py
+    python examples/fix_lunar_lander.py
 
-It takes some minutes and writes mended.zip beside this file.
+It takes some minutes and writes fixed.zip beside this file.
 """
 
 from pathlib import Path
@@ -37,7 +37,7 @@ def find_failures(agent: str) -> str:
     """Attack an agent's file in this folder, and return the TOML file that says what mu sets."""
     toml = FOLDER / f"{agent}.toml"
     toml.write_text(TOML.format(agent=f"{agent}.zip"), encoding="utf-8")
-    folder = f"runs/mend-lander/{agent}"
+    folder = f"runs/fix-lander/{agent}"
     run = attack(str(toml), "level-set", budget=BUDGET, out=folder, resume=True)
     print(f"{run.result.afr:.0%} of the new worlds fool {agent}")
     return str(toml)
@@ -52,11 +52,11 @@ def main() -> None:
         )
     toml = find_failures("lander")
 
-    env = make_vec_env(lambda: FailureCurriculum(toml, "runs/mend-lander/lander"), n_envs=16)
+    env = make_vec_env(lambda: FailureCurriculum(toml, "runs/fix-lander/lander"), n_envs=16)
     PPO.load(FOLDER / "lander.zip", env=env, device="cpu").learn(TRAINING_STEPS).save(
-        FOLDER / "mended.zip"
+        FOLDER / "fixed.zip"
     )
-    find_failures("mended")
+    find_failures("fixed")
 
 
 if __name__ == "__main__":
