@@ -48,8 +48,9 @@ class Episode:
 
 ScoreLike = str | tuple[Any, ...] | list[Any] | Callable[[Episode], float]
 """("return", low, high) or, of rewards that are vectors, ("return", low, high, entry); "success" or
-("success", key); ("failure", key); ("cost", limit) or ("cost", limit, key); ("length", maximum); or
-a function of the episode."""
+("success", key); ("failure", key); ("cost", limit) or ("cost", limit, key); ("length", maximum);
+("stl", formula), ("stl", formula, signals) or ("stl", formula, signals, scale), see `Requirement`;
+or a function of the episode."""
 
 
 class Score(ABC):
@@ -245,11 +246,16 @@ def as_score(given: Any) -> Score:
             return Return(*numbers)
         if kind == "length" and len(numbers) == 1:
             return Length(*numbers)
+        if kind == "stl" and 1 <= len(numbers) <= 3:
+            from sada_gym.envs.wrapped.requirement import Requirement
+
+            return Requirement(*numbers)
     if callable(given):
         return FunctionScore(given)
     raise UserTypeError(
         "Expected score to be ('return', low, high), 'success', ('success', key), ('failure', "
-        f"key), ('cost', limit), ('length', maximum) or a function of the episode, got {given!r}."
+        "key), ('cost', limit), ('length', maximum), ('stl', formula) or a function of the "
+        f"episode, got {given!r}."
     )
 
 
