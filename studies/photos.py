@@ -74,7 +74,6 @@ def harmless(one: Mu, fooled: Bools, usual: np.ndarray) -> tuple[np.ndarray, np.
 
 def grid(application: Application, worlds: int, out: Path) -> None:
     """Compare four ways to spend as many worlds."""
-
     rng, threshold = np.random.default_rng(0), application.fooling_threshold
 
     def learnt(name: str) -> tuple[Mu, np.ndarray]:
@@ -90,19 +89,24 @@ def grid(application: Application, worlds: int, out: Path) -> None:
         parts = run.queries, run.samples
         return np.concatenate([p.mu for p in parts]), np.concatenate([p.score for p in parts])
 
-    def scored(mu: Mu) -> tuple[Mu, np.ndarray]:
-        return mu, application.evaluate(mu, rng.integers(0, 2**31, len(mu)).tolist()).score
+    def scored(name: str, mu: Mu) -> tuple[Mu, np.ndarray]:
+        file = out / f"{name}.npz"
+        seeds = rng.integers(0, 2**31, len(mu)).tolist()
+        if not file.exists():
+            np.savez(file, mu=mu, score=application.evaluate(mu, seeds).score)
+        with np.load(file) as kept:
+            return kept["mu"], kept["score"]
 
-    def uniform() -> tuple[Mu, np.ndarray]:
+    def uniform(name: str) -> tuple[Mu, np.ndarray]:
         mu = rng.uniform(-1.0, 1.0, (worlds, len(application.parameters)))
-        return scored(mu.astype(np.float32))
+        return scored(name, mu.astype(np.float32))
 
     rows = {name: learnt(name) for name in ("level-set", "bbgan")}
     one = severities(application)
     repeats = worlds // len(one)
-    rows["one condition at a time"] = scored(np.tile(one, (repeats, 1)))
-    rows["uniform worlds"] = uniform()
-    mu, score = uniform()
+    rows["uniform worlds"] = uniform("uniform")
+    rows["one condition at a time"] = scored("grid", np.tile(one, (repeats, 1)))
+    mu, score = uniform("others")
     others = mu[score <= threshold]
     fooled = rows["one condition at a time"][1] <= threshold
     low, high = harmless(one, fooled.reshape(repeats, -1), np.asarray(application.nominal))
