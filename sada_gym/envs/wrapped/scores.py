@@ -13,6 +13,7 @@ import numpy.typing as npt
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import code_name, function_name
 from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_integer, explained
+from sada_gym.foundations.lazy import load
 
 
 @dataclass(frozen=True)
@@ -247,9 +248,8 @@ def as_score(given: Any) -> Score:
         if kind == "length" and len(numbers) == 1:
             return Length(*numbers)
         if kind == "stl" and 1 <= len(numbers) <= 3:
-            from sada_gym.envs.wrapped.requirement import Requirement
-
-            return Requirement(*numbers)
+            requirement: Score = load("sada_gym.envs.wrapped.requirement:Requirement")(*numbers)
+            return requirement
     if callable(given):
         return FunctionScore(given)
     raise UserTypeError(
