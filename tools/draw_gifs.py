@@ -77,7 +77,7 @@ def crashes_late(info: dict[str, Any]) -> float:
 VIDEOS = {
     "quadrotor": Video("SADA-Quadrotor-Crazyflie-v0", "level-set", 400, 40, crashes_after),
     "go2": Video("SADA-Go2-Walk-v0", "level-set", 200, 30, falls_late),
-    "metadrive": Video("SADA-DrivingMetaDrive-v0", "level-set", 400, 100, crashes_late),
+    "metadrive": Video("SADA-DrivingMetaDrive-v0", "random", 0, 24, crashes_late),
     "driving": Video("SADA-Driving-Navigation-v0", "cross-entropy", 60, 20, rainy, "on the right"),
     "racing": Video("SADA-UAV-4Anchors-v0", "bbgan", 500, 60, hits_late),
     "detection": Video("SADA-Detection-Car-v0", "bbgan", 2_000, 120, wrongly_sure),

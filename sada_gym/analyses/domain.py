@@ -13,7 +13,7 @@ import numpy as np
 
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
-from sada_gym.foundations.arrays import Integers
+from sada_gym.foundations.arrays import Bools, Floats32, Integers
 from sada_gym.foundations.files import Strict
 from sada_gym.measures.rates import Rate
 from sada_gym.parameters import Parameter
@@ -147,7 +147,9 @@ class Domain(Strict):
             yield f"      world.{_key(one.name)}: {within}"
 
 
-def _range(parameter: Parameter, mu: Any, fooled: Any, density: Any) -> Range:
+def _range(
+    parameter: Parameter, mu: Floats32, fooled: Bools, density: dict[str, Any] | None
+) -> Range:
     cell_of, count = _cells_of(parameter, mu, CELLS)
     edges = parameter.values(np.linspace(0.0, 1.0, count + 1)).round(9)
     cells = []
@@ -170,7 +172,7 @@ def _range(parameter: Parameter, mu: Any, fooled: Any, density: Any) -> Range:
     )
 
 
-def _cells_of(parameter: Parameter, mu: Any, cells: int) -> tuple[Integers, int]:
+def _cells_of(parameter: Parameter, mu: Floats32, cells: int) -> tuple[Integers, int]:
     """Return the cell of each world, (n,), and how many cells there are."""
     whole = round(parameter.high - parameter.low) if parameter.whole else cells
     count = len(parameter.choices) or min(whole, cells)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sada_gym.evaluations import Evaluations
-from sada_gym.foundations.arrays import Bools, Floats, Floats32
+from sada_gym.foundations.arrays import Bools, Floats, Floats32, Indices
 from sada_gym.foundations.files import Strict
 from sada_gym.parameters import Mu, ParameterSpace
 
@@ -136,18 +136,23 @@ def _smallest_changes(
 ) -> tuple[list[SmallestChange], Floats]:
     """Return the changes, and the ends of what is harmless of each parameter alone, (d, 2)."""
     d = len(space)
-    axes, ends = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
-    away = np.abs(ends - nominal[axes]) > 0
-    axes, ends = axes[away], ends[away]
+    axes = np.tile(np.arange(d), 2)
+    ends = _centred(space, axes, np.repeat([-1.0, 1.0], d))
+    usual_place = _centred(space, axes, nominal[axes].astype(np.float64))
+    away = ends != usual_place
+    axes, ends, usual_place = axes[away], ends[away], usual_place[away]
     fails = _fails(play(_moved(nominal, axes, ends)), len(axes), threshold)
     harmless = np.repeat(nominal.astype(np.float64)[:, None], 2, axis=1)
     harmless[axes[~fails], (ends[~fails] > 0).astype(int)] = ends[~fails]
-    axes, failing = axes[fails], ends[fails]
-    holding = nominal[axes].astype(np.float64)
+    axes, failing, holding = axes[fails], ends[fails], usual_place[fails]
     for _ in range(_STEPS if len(axes) else 0):
-        middle = (holding + failing) / 2.0
+        middle = _centred(space, axes, (holding + failing) / 2.0)
+        between = (middle != holding) & (middle != failing)
+        if not between.any():
+            break
         fails = _fails(play(_moved(nominal, axes, middle)), len(axes), threshold)
-        holding, failing = np.where(fails, holding, middle), np.where(fails, middle, failing)
+        holding = np.where(between & ~fails, middle, holding)
+        failing = np.where(between & fails, middle, failing)
     harmless[axes, (failing > holding).astype(int)] = holding
     order = np.argsort(np.abs(failing - nominal[axes]), kind="stable")
     usual = space.physical(nominal[None])[0]
@@ -161,6 +166,18 @@ def _smallest_changes(
         for k in order
     ]
     return changes, harmless
+
+
+def _centred(space: ParameterSpace, axes: Indices, mu: Floats) -> Floats:
+    """Move the mu of whole numbers and choices, (n,), to the middle of what is the same world."""
+    centred = mu.copy()
+    for k, axis in enumerate(axes):
+        parameter = space.parameters[axis]
+        whole = round(parameter.high - parameter.low) if parameter.whole else 0
+        if count := len(parameter.choices) or whole:
+            cell = min(int((mu[k] + 1.0) / 2.0 * count), count - 1)
+            centred[k] = (2.0 * cell + 1.0) / count - 1.0
+    return centred
 
 
 def _combined(

@@ -65,6 +65,25 @@ def test_a_nominal_value_at_the_end_of_the_range_is_moved_one_way_only():
     assert world.count == SEEDS * (1 + 2 + 5 * 2)
 
 
+def test_the_smallest_change_of_a_whole_number_is_another_number():
+    """A world that fails by its seed alone says nothing of the number that it has anyway."""
+    space = ParameterSpace(
+        Parameter("delay", -0.5, 3.5, whole=True),
+        Parameter("light", 0.0, 1.0, choices=("day", "dusk", "night")),
+    )
+    nominal, played = space.normalised([0.0, 0.1]), []
+
+    def play(mu):
+        played.extend(mu.tolist())
+        delay, light = space.physical(mu).T
+        score = np.where((delay >= 1.5) | (light > 0.9) | (len(played) > 1), 0.1, 0.9)
+        return Evaluations(np.asarray(mu, np.float32), score, np.arange(len(mu)))
+
+    found = explore_nominal(space, nominal, play, Evaluations.empty(2), 0.3)
+    told = {change.parameter: change.value for change in found.smallest}
+    assert told == pytest.approx({"delay": 1.0, "light": 0.5})
+
+
 class Pole(Toy):
     """The toy with a world in ordinary use."""
 
