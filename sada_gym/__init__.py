@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sada_gym.adversaries.base import Adversary
     from sada_gym.agents.remote.server import serve
     from sada_gym.analyses.diagnose import diagnose
+    from sada_gym.analyses.estimation.estimate import estimate
     from sada_gym.analyses.regression.export import export
     from sada_gym.analyses.regression.regress import regress
     from sada_gym.analyses.replay import replay
@@ -57,6 +58,7 @@ __all__ = [
     "curriculum_vec_env",
     "diagnose",
     "env_ids",
+    "estimate",
     "export",
     "load_run",
     "make_application",
@@ -85,6 +87,7 @@ __getattr__ = lazy_names(
         "attack": "attacks",
         "curriculum_vec_env": "analyses.training",
         "diagnose": "analyses.diagnose",
+        "estimate": "analyses.estimation.estimate",
         "export": "analyses.regression.export",
         "load_run": "run",
         "regress": "analyses.regression.regress",

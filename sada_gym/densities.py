@@ -150,6 +150,22 @@ class WorldDensity:
         logs = np.array([cells.log_density(column) for cells, column in columns])
         return np.asarray(logs.sum(axis=0) - len(self._cells) * np.log(2.0))
 
+    def from_normal(self, z: Floats) -> Mu:
+        """Map standard normal numbers, (n, d), to mu, (n, d), that are as in ordinary use."""
+        from scipy.special import ndtr
+
+        columns = zip(self._cells, ndtr(z).T, strict=True)
+        shares = np.stack([cells.at(column) for cells, column in columns], axis=1)
+        return (2.0 * shares - 1.0).astype(np.float32)
+
+    def to_normal(self, mu: Mu) -> Floats:
+        """Return numbers that `from_normal` maps to mu, (n, d), maybe infinite ones."""
+        from scipy.special import ndtri
+
+        columns = zip(self._cells, (mu.T.astype(np.float64) + 1.0) / 2.0, strict=True)
+        below = np.stack([cells.below(column) for cells, column in columns], axis=1)
+        return np.asarray(ndtri(np.clip(below, 0.0, 1.0)))
+
     def sample(self, count: int, rng: np.random.Generator) -> Mu:
         """Draw worlds as they are in ordinary use, (count, d)."""
         shares = np.stack([cells.sample(count, rng) for cells in self._cells], axis=1)
@@ -198,6 +214,18 @@ class _Cells:
         i = np.clip(np.searchsorted(self.edges, shares, side="right") - 1, 0, len(self.masses) - 1)
         with np.errstate(divide="ignore"):
             return np.asarray(np.log(self.masses / np.diff(self.edges))[i])
+
+    def below(self, shares: Floats) -> Floats:
+        """Return the probability below each share of the range, of the same shape."""
+        heights = np.append(0.0, np.cumsum(self.masses))
+        return np.asarray(np.interp(shares, self.edges, heights))
+
+    def at(self, probability: Floats) -> Floats:
+        """Return the share of the range below which lies so much: the inverse of `below`."""
+        ends = np.cumsum(self.masses)
+        i = np.searchsorted(ends, np.minimum(probability, ends[-1]), side="left")
+        inside = 1.0 - (ends[i] - np.minimum(probability, ends[-1])) / self.masses[i]
+        return np.asarray(self.edges[i] + np.diff(self.edges)[i] * np.clip(inside, 0.0, 1.0))
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         i = rng.choice(len(self.masses), count, p=self.masses)

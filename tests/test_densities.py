@@ -192,3 +192,26 @@ def test_intervals_of_the_failure_probability_hold_a_known_truth_as_often_as_the
         rates.append(rate.rate)
     assert held >= 0.92 * 200
     assert np.mean(rates) == pytest.approx(truth, abs=3 * np.std(rates) / 200**0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("gravity", NORMAL),
+        ("gravity", {"values": [8, 9, 10, 12], "weights": [1, 0, 0, 1]}),  # a gap
+        ("friction", {"normal": [1.0, 0.2]}),
+        ("lanes", {"values": [2, 4, 9], "weights": [1, 2, 1]}),
+        ("wind", None),
+    ],
+)
+def test_standard_normal_numbers_become_worlds_of_ordinary_use_and_back(name, data):
+    density, column = world(**({name: data} if data else {})), SPACE.names.index(name)
+    z = np.random.default_rng(0).normal(size=(4_000, len(SPACE)))
+    mu = density.from_normal(z)
+    assert np.abs(mu).max() <= 1.0
+    drawn = density.sample(4_000, np.random.default_rng(1))
+    assert stats.ks_2samp(mu[:, column], drawn[:, column]).pvalue > 1e-3
+    assert np.isfinite(density.log_density(mu)).all()
+    back = density.to_normal(mu)
+    near = np.abs(z).max(axis=1) < 3.0  # mu is rounded to float32
+    assert back[near] == pytest.approx(z[near], abs=1e-2)

@@ -24,6 +24,7 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "init": ("init:init", "Write a first TOML file for an agent of your own.", _STRAY),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
     "diagnose": ("diagnose:diagnose", "Say how an agent fails, in a few rules.", {}),
+    "estimate": ("estimate:estimate", "Say how likely an agent fails in ordinary use.", {}),
     "report": ("report:report", "Make a page of a run, or of two side by side.", {}),
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),

@@ -23,6 +23,7 @@ from sada_gym.foundations.files import as_path, read_model, shown
 from sada_gym.measures.diagnosis.record import Diagnosis, diagnosed_before
 from sada_gym.measures.diagnosis.summary import rows as weakness_rows
 from sada_gym.measures.failures import Failures, listed_before
+from sada_gym.measures.likelihood import FailureEstimate, estimated_before
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run.folder import (
     ADVERSARY_FOLDER,
@@ -102,6 +103,11 @@ class Run:
     def failures(self) -> Failures | None:
         """The failures among the samples; None where none are listed, or they cannot be read."""
         return listed_before(self.folder)
+
+    @property
+    def estimate(self) -> FailureEstimate | None:
+        """How likely the agent fails in ordinary use; None where `estimate` did not say it."""
+        return estimated_before(self.folder)
 
     @property
     def parameters(self) -> ParameterSpace | None:
@@ -234,7 +240,9 @@ class Run:
         diagnosis, failures = self.diagnosis, self.failures
         where = () if diagnosis is None else weakness_rows(diagnosis)
         further = () if failures is None else failures.rows()
-        yield from summary_rows(self.result, further, where=where, space=self.parameters)
+        yield from summary_rows(
+            self.result, further, where=where, space=self.parameters, likely=self.estimate
+        )
 
     def __repr__(self) -> str:
         """Write the summary: how often the agent failed, where, and by which files."""

@@ -11,6 +11,7 @@ from sada_gym.experiment.nominal import Combined, NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.foundations.cards import find_card
 from sada_gym.foundations.figures import number, percent, tenths
+from sada_gym.measures.likelihood import FailureEstimate
 from sada_gym.measures.rates import wilson_interval
 from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import ParameterSpace
@@ -33,11 +34,12 @@ def summary_rows(
     *,
     where: Iterable[tuple[str, str]] = (),
     space: ParameterSpace | None = None,
+    likely: FailureEstimate | None = None,
 ) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each finding; `further` ones stand behind where it fails.
 
-    The rows of a diagnosis say `where`. With the parameters' `space` values are
-    written as people say them: by labels, units and choices.
+    The rows of a diagnosis say `where`, and an estimate how `likely` a failure is. With the
+    parameters' `space` values are written as people say them: by labels, units and choices.
     """
     values = _Values(space)
     if (world := _world(report)) is not None:
@@ -57,7 +59,9 @@ def summary_rows(
     if report.influences:
         yield "what matters", _influences(report.influences, values)
     yield "uniform worlds", _uniform_rate(report)
-    if report.in_use is not None:
+    if likely is not None:
+        yield from likely.rows()
+    elif report.in_use is not None:
         yield "in ordinary use", _in_use(report.in_use)
     if report.nominal is not None:
         yield "nominal world", _nominal(report.nominal, values)

@@ -262,7 +262,8 @@ class RunView:
             return []
         diagnosis = self.diagnosis
         where = () if diagnosis is None else weakness_rows(diagnosis)
-        return list(summary_rows(self.result, where=where, space=self.space))
+        rows = summary_rows(self.result, where=where, space=self.space, likely=self.run.estimate)
+        return list(rows)
 
     @property
     def versions(self) -> dict[str, str]:

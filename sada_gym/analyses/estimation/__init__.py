@@ -1,0 +1,1 @@
+"""How likely an agent fails in ordinary use: few queries, an interval, and when to refuse."""

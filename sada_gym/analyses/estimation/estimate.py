@@ -1,0 +1,231 @@
+"""The probability that an agent fails in ordinary use, of a run or an application."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sada_gym.analyses.estimation.core import Answers, Asked, Found, estimate_probability
+from sada_gym.analyses.estimation.use import IndependentUse, JointUse
+from sada_gym.application import Application
+from sada_gym.densities import Density, WorldDensity
+from sada_gym.errors import UserError, UserTypeError, check_integer, check_keywords
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.executors import Workers
+from sada_gym.evaluation.oracle import MAX_QUERIES
+from sada_gym.evaluation.stored import OnScores
+from sada_gym.evaluations import evaluation_seeds, fools
+from sada_gym.experiment.names import check_spelling
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.files import write_model
+from sada_gym.measures.diagnosis.grouping import by_weakness
+from sada_gym.measures.likelihood import ESTIMATE_FILE, FailureEstimate, RiskShare
+from sada_gym.parameters import Mu
+from sada_gym.run import Run, load_run
+from sada_gym.run.folder import ELSEWHERE_FILE, SETTINGS_FILE
+
+_FEWEST = 20
+_FIRST_SEED = 2**24  # of the validation stream, whose first seeds have other purposes
+_DRAWING_SEED = 67
+
+Use = IndependentUse | JointUse
+
+
+def estimate(
+    run_or_application: Run | Application | str | Path,
+    *,
+    budget: int = 2_000,
+    seed: int = 0,
+    density: Any = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+    application: Application | str | None = None,
+    workers: int | Workers = 1,
+    store: str | Path | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> FailureEstimate:
+    """Estimate with which probability the agent fails in ordinary use, over worlds and seeds.
+
+    Nearly half of the budget learns where the agent fails; of a run its queries help, and cost
+    nothing more. The rest is fresh: plain draws of ordinary use, and as many where failures are
+    expected. The estimate is unbiased wherever the agent fails. Its interval relies on one thing:
+    that no region of failures escaped all queries, see `FailureEstimate.unseen`.
+
+    A run's folder gets `estimate.json`, and keeps the scores, so that a call that was stopped goes
+    on where it was; of an application or an id `store` does. The result depends on the seed, and on
+    nothing else.
+
+    Args:
+        run_or_application: A run or its folder, an application, an id, or a TOML file.
+        budget: The number of fresh evaluations; with fewer than 300 all of them are plain draws.
+        seed: Fixes the draws.
+        density: How likely worlds are in ordinary use. None takes the application's own, see
+            `nominal=`; or densities of parameters by name, as `nominal=` takes them, the others
+            being uniform; or a joint density of all parameters' physical values, such as
+            `scipy.stats.multivariate_normal(mean, covariance)`, by its `rvs` and `logpdf`.
+        env_kwargs: Keywords of an id.
+        application: What the run attacked, where it cannot say it, see `Run.open`.
+        workers: See `Workers`.
+        store: A file that keeps the scores; None takes that of a run, and else none.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, no density is known, or too many worlds are invalid.
+    """
+    check_integer("budget", budget, _FEWEST, MAX_QUERIES)
+    check_integer("seed", seed, 0)
+    check_keywords("env_kwargs", {} if env_kwargs is None else env_kwargs)
+    run = _as_run(run_or_application)
+    with ExitStack() as stack:
+        if run is not None:
+            if env_kwargs:
+                raise UserError("Expected keywords only with an id, got some with a run.")
+            opened = stack.enter_context(run.open(application, workers=workers))
+            store = run.folder / ELSEWHERE_FILE if store is None else store
+        else:
+            assert not isinstance(run_or_application, Run)
+            named = run_or_application
+            environment = named if isinstance(named, Application) else str(named)
+            check_spelling(environment, None, dict(env_kwargs or {}))
+            opened = stack.enter_context(OpenTarget.of(environment, env_kwargs, workers=workers))
+        rng = np.random.default_rng((seed, _DRAWING_SEED))
+        use = _use(opened.application, density, rng)
+        asking = _Asking(opened.evaluator, use, budget, seed, on_scores)
+        if store is not None and opened.application.fingerprint is not None:
+            opened.evaluator.attach(store)
+            stack.callback(opened.evaluator.detach)
+        opened.evaluator.expect(budget)
+        threshold = float(opened.application.fooling_threshold)
+        known = None if run is None else _known(run, use, threshold)
+        found = estimate_probability(use, asking, threshold, budget, rng, known)
+        shares = () if run is None else _shares(run, opened, use.mu(found.z), found)
+    result = _record(found, use, asking.used, shares, seed)
+    if run is not None:
+        write_model(run.folder / ESTIMATE_FILE, result)
+    return result
+
+
+class _Asking:
+    """Scores worlds of ordinary use, each with a seed of its own, and counts them."""
+
+    def __init__(
+        self, evaluator: Evaluator, use: Use, budget: int, seed: int, on_scores: OnScores
+    ) -> None:
+        self._evaluator, self._use, self._seed = evaluator, use, seed
+        self._budget, self._on_scores = budget, on_scores
+        self.used = self._cached = 0
+
+    def __call__(self, z: Floats) -> Answers:
+        """Score worlds at points, (n, d)."""
+        application = self._evaluator.application
+        assert application is not None
+        seeds = evaluation_seeds(self._seed, "validation", _FIRST_SEED + self.used, len(z))
+
+        def report(done: int, cached: int) -> None:
+            self._on_scores(self.used + done, self._budget, self._cached + cached)
+
+        mu = application.parameters.validate(self._use.mu(z))
+        answer = self._evaluator.evaluate(mu, seeds, report)
+        self.used, self._cached = self.used + len(z), self._cached + answer.cached
+        valid = np.ones(len(z), np.bool_)
+        valid[[*answer.invalid]] = False
+        failed = fools(answer.scores, application.fooling_threshold) & valid
+        return Answers(answer.scores, failed, valid)
+
+
+def _as_run(given: Any) -> Run | None:
+    if isinstance(given, Run):
+        return given
+    if not isinstance(given, Application | str | os.PathLike):
+        raise UserTypeError(
+            f"Expected a run, an Application, an environment's id or a TOML file, got {given!r}."
+        )
+    if isinstance(given, Application):
+        return None
+    path = Path(given)
+    is_run = (path / SETTINGS_FILE).is_file() or path.is_dir()
+    return load_run(path) if is_run else None
+
+
+def _use(application: Application, density: Any, rng: np.random.Generator) -> Use:
+    space, permits = application.parameters, application.permits
+    if density is None:
+        density = application.density
+    if density is None:
+        raise UserError(
+            f"Expected a density of ordinary use, got none: {application.name} does not say how "
+            "likely its worlds are. Give densities by nominal= of the parameters, or by density= "
+            f'(--density): {space.names[0]}={{"normal": [mean, sd]}}.'
+        )
+    if isinstance(density, Mapping):
+        unknown = [name for name in density if name not in space.names]
+        if unknown:
+            raise UserError(
+                f"Expected densities of {', '.join(space.names)}, got one of {unknown[0]!r}."
+            )
+        given = {
+            name: data if isinstance(data, Density) else Density(data)
+            for name, data in density.items()
+        }
+        density = WorldDensity(space, given)
+    if isinstance(density, WorldDensity):
+        return IndependentUse(density, permits, rng)
+    return JointUse(space, density, permits, rng)
+
+
+def _known(run: Run, use: Use, threshold: float) -> Asked | None:
+    """Return the queries of a run, as far as they lie near ordinary use."""
+    queries = run.queries
+    if queries is None or not len(queries):
+        return None
+    z, near = use.points(queries.mu)
+    queries = queries[near]
+    if not len(queries):
+        return None
+    return z[near], Answers(queries.score, queries.fooled(threshold), ~queries.invalid)
+
+
+def _shares(run: Run, opened: OpenTarget, mu: Mu, found: Found) -> Sequence[RiskShare]:
+    diagnosis = run.diagnosis
+    rows = np.flatnonzero(found.failed)
+    if diagnosis is None or not diagnosis.weaknesses or not len(rows):
+        return ()
+    terms = found.terms[rows] / found.terms.sum()
+    groups = by_weakness(diagnosis.weaknesses, opened.parameters, mu[rows])
+    shares = [
+        RiskShare(
+            number=group.weakness or 0, text=group.where, share=float(terms[group.rows].sum())
+        )
+        for group in groups
+    ]
+    return sorted(shares, key=lambda share: -share.share)
+
+
+def _record(
+    found: Found, use: Use, queries: int, shares: Sequence[RiskShare], seed: int
+) -> FailureEstimate:
+    method = "plain draws of ordinary use"
+    if found.learnt:
+        method = "importance sampling by a model of the scores, half of the draws plain"
+    return FailureEstimate(
+        probability=found.probability,
+        interval=found.interval,
+        queries=queries,
+        method=method,
+        refused=found.refused,
+        held=use.held,
+        drawn=len(found.z),
+        failures=int(found.failed.sum()),
+        plain=found.plain,
+        plain_failures=int(found.failed[: found.plain].sum()),
+        effective=found.effective,
+        unseen=1.0 - 0.05 ** (1.0 / found.plain),
+        shares=tuple(shares),
+        density=use.data,
+        seed=seed,
+    )

@@ -1,0 +1,154 @@
+"""Ordinary use as points z: standard normal where parameters are independent, or else whitened."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from sada_gym.adversaries.query_pool import draw_permitted
+from sada_gym.densities import WorldDensity
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.parameters import Mu, ParameterSpace, Permits, all_can_exist
+
+_COUNTED, _LEAST = 100_000, 1e-3
+_FARTHEST = 6.0
+
+
+@runtime_checkable
+class JointDensity(Protocol):
+    """A density of all parameters' physical values, as a frozen distribution of `scipy.stats`."""
+
+    def rvs(self, size: Any, random_state: Any) -> Any:
+        """Draw so many values, (size, d)."""
+
+    def logpdf(self, x: Any) -> Any:
+        """Return the logarithm of the density at values, (n, d): (n,)."""
+
+
+class IndependentUse:
+    """Ordinary use where parameters are independent: z is standard normal, and gives mu.
+
+    Worlds that cannot exist are left out.
+    """
+
+    def __init__(self, density: WorldDensity, permits: Permits, rng: np.random.Generator) -> None:
+        self.dimension, self.held, self.data = len(density.space), density.held, density.data
+        self._density, self._permits = density, permits
+        self._share = 1.0
+        if permits is not all_can_exist:
+            self._share = _checked_share(
+                permits(self.mu(rng.normal(size=(_COUNTED, self.dimension))))
+            )
+
+    def mu(self, z: Floats) -> Mu:
+        """Return the worlds at points, (n, d)."""
+        return self._density.from_normal(z)
+
+    def points(self, mu: Mu) -> tuple[Floats, Bools]:
+        """Return points that stand for worlds, (n, d), and which of them are not too far out."""
+        z = self._density.to_normal(mu)
+        return z, np.asarray((np.abs(z) < _FARTHEST).all(axis=1))
+
+    def sample(self, count: int, rng: np.random.Generator) -> Floats:
+        """Draw points, (count, d)."""
+        return _permitted(
+            lambda n: rng.normal(size=(n, self.dimension)),
+            count,
+            lambda z: self._permits(self.mu(z)),
+        )
+
+    def log_density(self, z: Floats) -> Floats:
+        """Return the logarithm of the density at points, (n, d): (n,), maybe -inf."""
+        logs = -0.5 * ((z**2).sum(axis=1) + self.dimension * np.log(2.0 * np.pi))
+        if self._permits is not all_can_exist:
+            logs = np.where(self._permits(self.mu(z)), logs - np.log(self._share), -np.inf)
+        return np.asarray(logs)
+
+
+class JointUse:
+    """Ordinary use by a joint density of physical values: z is without mean and correlation.
+
+    Values outside the ranges, and worlds that cannot exist, are left out.
+    """
+
+    def __init__(
+        self, space: ParameterSpace, density: Any, permits: Permits, rng: np.random.Generator
+    ) -> None:
+        if not isinstance(density, JointDensity):
+            raise UserTypeError(
+                "Expected density to have rvs(size, random_state) and logpdf(x), as frozen "
+                f"distributions of scipy.stats have, got {density!r}."
+            )
+        self.dimension, self._space = len(space), space
+        self._density, self._permits = density, permits
+        self.data = {"joint": type(density).__name__}
+        drawn = self._values(_COUNTED, rng)
+        inside = self._inside(drawn)
+        self.held = _checked_share(inside)
+        kept = drawn[inside]
+        self._mean = kept.mean(axis=0)
+        covariance = np.atleast_2d(np.cov(kept, rowvar=False))
+        tiny = 1e-9 * max(float(np.trace(covariance)), 1e-300)
+        self._root = np.linalg.cholesky(covariance + tiny * np.eye(self.dimension))
+        self._shift = float(np.log(np.diag(self._root)).sum() - np.log(self.held))
+
+    def mu(self, z: Floats) -> Mu:
+        """Return the worlds at points, (n, d)."""
+        normalised: Mu = np.clip(self._space.normalised(self._physical(z)), -1.0, 1.0)
+        return normalised
+
+    def points(self, mu: Mu) -> tuple[Floats, Bools]:
+        """Return points that stand for worlds, (n, d), and which of them are not too far out."""
+        z = np.linalg.solve(self._root, (self._space.physical(mu) - self._mean).T).T
+        return z, np.asarray((np.abs(z) < _FARTHEST).all(axis=1))
+
+    def sample(self, count: int, rng: np.random.Generator) -> Floats:
+        """Draw points, (count, d)."""
+        values = _permitted(lambda n: self._values(n, rng), count, self._inside)
+        return np.asarray(np.linalg.solve(self._root, (values - self._mean).T).T)
+
+    def log_density(self, z: Floats) -> Floats:
+        """Return the logarithm of the density at points, (n, d): (n,), maybe -inf."""
+        values = self._physical(z)
+        inside = self._inside(values)
+        logs = np.full(len(z), -np.inf)
+        if inside.any():
+            given = np.asarray(self._density.logpdf(values[inside]), np.float64).reshape(-1)
+            logs[inside] = np.nan_to_num(given, nan=-np.inf) + self._shift
+        return logs
+
+    def _physical(self, z: Floats) -> Floats:
+        return np.asarray(self._mean + z @ self._root.T)
+
+    def _values(self, count: int, rng: np.random.Generator) -> Floats:
+        drawn = np.asarray(self._density.rvs(size=count, random_state=rng), np.float64)
+        if drawn.size != count * self.dimension or not np.isfinite(drawn).all():
+            raise UserError(
+                f"Expected {count} finite draws of {self.dimension} parameters from density.rvs, "
+                f"got shape {drawn.shape}. Order the values as the parameters: "
+                f"{', '.join(self._space.names)}."
+            )
+        return drawn.reshape(count, self.dimension)
+
+    def _inside(self, values: Floats) -> Bools:
+        mu = self._space.normalised(values)
+        inside = np.asarray((np.abs(mu) <= 1.0).all(axis=1))
+        if self._permits is not all_can_exist and inside.any():
+            inside[inside] = self._permits(mu[inside])
+        return inside
+
+
+def _checked_share(inside: Bools) -> float:
+    share = float(inside.mean())
+    if share < _LEAST:
+        raise UserError(
+            f"Expected a thousandth at least of the density in the ranges and the feasible region, "
+            f"got {share:.2g}. Widen the ranges."
+        )
+    return share
+
+
+def _permitted(draw: Any, count: int, permits: Any) -> Floats:
+    return np.asarray(draw_permitted(draw, count, permits), np.float64) if count else draw(0)

@@ -1,0 +1,82 @@
+"""`sada-gym estimate`: how likely does the agent fail in ordinary use?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from sada_gym.cli.console import (
+    application_option,
+    env_kwargs_option,
+    err,
+    errors_as_sentences,
+    executor_option,
+    json_option,
+    key_values,
+    option,
+    print_json,
+    say,
+    scores_progress,
+    workers_option,
+)
+
+
+def estimate(
+    what: str = typer.Argument(
+        metavar="RUN|ID|FILE.toml", help="The folder of a run, or what to estimate it of."
+    ),
+    budget: int = option(2_000, "Number of fresh evaluations.", minimum=20),
+    seed: int = option(0, "Fixes the whole result.", minimum=0),
+    density: list[str] | None = option(
+        None,
+        "A parameter's density in ordinary use; repeatable. Parameters without one are then "
+        "uniform.",
+        metavar='NAME={"normal": [MEAN, SD]}',
+        shown="those of the environment",
+    ),
+    env_kwargs: list[str] | None = env_kwargs_option(),
+    workers: int = workers_option(1),
+    executor: str = executor_option(),
+    application: str | None = application_option(),
+    store: Path | None = option(
+        None, "Keep the scores, to go on after a stop.", metavar="FILE", shown="the folder of a run"
+    ),
+    as_json: bool = json_option("the estimate"),
+) -> None:
+    """Estimate with which probability an agent fails in ordinary use, with a 95 % interval.
+
+    RUN receives estimate.json, and its report.html, if it has one, is made anew. The same command
+    goes on after a stop.
+    """
+    with errors_as_sentences():
+        keywords = key_values(env_kwargs, "--env-kwargs")
+        densities = key_values(density, "--density")
+        from sada_gym.analyses.estimation.estimate import estimate as find
+        from sada_gym.analyses.report.make import report
+        from sada_gym.evaluation.executors import open_executor
+        from sada_gym.run.folder import REPORT_FILE, SETTINGS_FILE
+
+        folder = Path(what)
+        is_run = (folder / SETTINGS_FILE).is_file()
+        kept = is_run or store is not None
+        with open_executor(executor, workers) as opened, scores_progress(kept=kept) as progress:
+            result = find(
+                what,
+                budget=budget,
+                seed=seed,
+                density=densities or None,
+                env_kwargs=keywords,
+                application=application,
+                workers=opened.workers,
+                store=store,
+                on_scores=progress,
+            )
+        if is_run and (folder / REPORT_FILE).is_file():
+            with err.status("Making report.html anew"):
+                report(folder, application=application)
+    if as_json:
+        print_json(result)
+        return
+    for name, text in result.rows():
+        say(f"{name}: {text}.", lead="[bold]" if name == "in ordinary use" else "")

@@ -1,0 +1,119 @@
+"""How likely an agent fails in ordinary use: the record of an estimate, and how people read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from sada_gym.errors import FileError
+from sada_gym.foundations.figures import percent
+from sada_gym.foundations.files import OneLine, Strict, read_model
+
+ESTIMATE_FILE = "estimate.json"
+_ALL_HELD, _OFTEN = 0.995, 0.05
+
+
+class RiskShare(Strict):
+    """How much of the probability lies in a weakness of the diagnosis; 0 numbers those in none."""
+
+    number: int
+    text: OneLine
+    share: float
+
+
+class FailureEstimate(Strict):
+    """The probability that an agent fails in ordinary use, over worlds and seeds.
+
+    Attributes:
+        probability: The estimate.
+        interval: Its 95 % interval.
+        queries: The evaluations that it took, beside those of a run.
+        method: How it was found.
+        refused: Why it is not to be relied on; None where nothing speaks against it.
+        held: The share of the density that lies in the ranges; the rest is left out.
+        drawn: The last, fresh draws that the estimate counts; of them `failures` failed.
+        failures: How many of these failed.
+        plain: How many of these are plain draws of ordinary use, wherever failures are expected.
+        plain_failures: How many plain draws failed.
+        effective: How many failures in plain draws would tell as much.
+        unseen: With 95 % confidence a region where the agent fails, but no query and no plain draw
+            did, is at most so likely.
+        shares: How much of the probability lies in each weakness of the run's diagnosis, the most
+            first; none without one.
+        density: The density of ordinary use.
+        seed: Fixes the draws.
+    """
+
+    probability: float
+    interval: tuple[float, float]
+    queries: int
+    method: OneLine
+    refused: OneLine | None
+    held: float
+    drawn: int
+    failures: int
+    plain: int
+    plain_failures: int
+    effective: float
+    unseen: float
+    shares: tuple[RiskShare, ...] = ()
+    density: dict[str, Any]
+    seed: int
+
+    @property
+    def sentence(self) -> str:
+        """The estimate in one line, as a safety case takes it."""
+        low, high = self.interval
+        if not self.failures:
+            return f"no failure in {self.drawn:,} worlds: below {odds(high)} with 95 %"
+        if self.probability >= _OFTEN:
+            ends = f"{percent(low)} to {percent(high)}"
+            return f"fails in {percent(self.probability)} of ordinary worlds (95 %: {ends})"
+        ends = f"{odds(low)} to {odds(high)}"
+        return f"fails in {odds(self.probability)} ordinary worlds (95 %: {ends})"
+
+    @property
+    def basis(self) -> str:
+        """What the estimate rests on, in a sentence or two."""
+        text = (
+            f"{self.method}, {self.queries:,} queries; {self.failures:,} of {self.drawn:,} fresh "
+            f"draws failed, worth {self.effective:,.0f} failures of plain draws"
+        )
+        if self.held < _ALL_HELD:
+            text += f"; the ranges hold {percent(self.held)} of ordinary worlds"
+        return (
+            f"{text}. A region of failures that no query met can be as likely as "
+            f"{odds(self.unseen)} (95 %)"
+        )
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the name and the text of each finding, as the summary of a run has them."""
+        refused = "" if self.refused is None else f". Do not rely on it: {self.refused}"
+        yield "in ordinary use", f"{self.sentence}{refused}"
+        yield "that rests on", self.basis
+        if self.shares:
+            listed = [
+                f"{percent(share.share)} {f'where {share.text}' if share.number else 'elsewhere'}"
+                for share in self.shares[:4]
+            ]
+            yield "of this risk", "; ".join(listed)
+
+
+def odds(probability: float) -> str:
+    """Write a small probability as people read it, `1 of 9,400`."""
+    if not probability > 0.0:
+        return "0"
+    if probability > _OFTEN:
+        return percent(probability)
+    times = 1.0 / probability
+    digits = 10 ** max(0, len(str(int(times))) - 2)
+    return f"1 of {round(times / digits) * digits:,}"
+
+
+def estimated_before(run: Path) -> FailureEstimate | None:
+    """Read the estimate in a run's folder; None where there is none, or it cannot be read."""
+    with suppress(FileError):
+        return read_model(run / ESTIMATE_FILE, FailureEstimate)
+    return None

@@ -1,0 +1,200 @@
+"""`estimate` of runs and applications: densities, invalid worlds, stops, workers, and its words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from toy import Toy
+from typer.testing import CliRunner
+
+import sada_gym
+from sada_gym import Application, Parameter, ParameterSpace, Scored, attack, load_run
+from sada_gym.analyses.estimation.estimate import estimate
+from sada_gym.cli import app
+from sada_gym.measures.likelihood import FailureEstimate, odds
+
+NORMAL = {"normal": [0.0, 30.0]}
+TOY = {f"angle{i}_deg": NORMAL for i in range(2)}
+
+
+class Slope(Application):
+    """Fails where the sum of two parameters is above a limit; some worlds are invalid."""
+
+    name = "Slope"
+    fooling_threshold = 0.5
+    sample_size = 20
+    parameters = ParameterSpace(
+        Parameter("wind", -4.0, 4.0),
+        Parameter("road", 0.0, 3.0, choices=("dry", "wet", "ice")),
+        Parameter("cars", -0.5, 9.5, whole=True),
+    )
+
+    def __init__(self, limit=4.0, *, invalid_above=np.inf, permits=None):
+        self.limit, self.invalid_above = limit, invalid_above
+        if permits is not None:
+            self.permits = permits
+
+    def load(self, mu):
+        wind, road, cars = self.parameters.physical(mu).T
+        return wind + np.minimum(road.astype(int), 2) + (np.floor(cars + 0.5) > 7.0)
+
+    def evaluate_batch(self, mu, seeds):
+        score = np.clip(0.5 + 0.1 * (self.limit - self.load(mu)), 0.0, 1.0)
+        wind = self.parameters.physical(mu)[:, 0]
+        extras = [{"invalid": "a gust"} if w > self.invalid_above else {} for w in wind]
+        return Scored(score, extras)
+
+
+DENSITIES = {
+    "wind": {"normal": [0.0, 1.0]},
+    "road": {"values": ["dry", "wet", "ice"], "weights": [90, 9, 1]},
+    "cars": {"uniform": [0.0, 9.0]},
+}
+
+
+def truth(application, worlds=400_000):
+    from sada_gym.densities import Density, WorldDensity
+
+    densities = {name: Density(data) for name, data in DENSITIES.items()}
+    density = WorldDensity(application.parameters, densities)
+    mu = density.sample(worlds, np.random.default_rng(5))
+    wind = application.parameters.physical(mu)[:, 0]
+    keep = application.permits(mu) & (wind <= application.invalid_above)
+    return (application.load(mu[keep]) >= application.limit).mean()
+
+
+def mild(mu):
+    return mu[:, 0] < 0.3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "application", [Slope(3.2), Slope(1.8, invalid_above=2.0), Slope(2.0, permits=mild)]
+)
+def test_choices_whole_numbers_invalid_worlds_and_feasible_regions(application):
+    found = estimate(application, budget=600, density=DENSITIES)
+    low, high = found.interval
+    assert low <= truth(application) <= high
+    assert found.queries == 600
+    assert found.refused is None
+
+
+@pytest.mark.long
+def test_a_joint_density_may_correlate_parameters():
+    both = multivariate_normal([0.0, 1.5, 4.0], [[1.0, 0.5, 0.0], [0.5, 0.4, 0.0], [0, 0, 1.0]])
+    application = Slope(4.4)
+    values = both.rvs(400_000, random_state=1)
+    mu = application.parameters.normalised(values)
+    mu = mu[(np.abs(mu) <= 1.0).all(axis=1)]
+    found = estimate(application, budget=600, density=both)
+    low, high = found.interval
+    assert low <= (application.load(mu) >= 4.4).mean() <= high
+    assert found.held == pytest.approx(len(mu) / len(values), rel=0.02)
+
+
+@pytest.mark.long
+def test_a_stopped_estimate_goes_on_and_workers_change_no_bit(tmp_path):
+    whole = estimate(Toy(2), budget=320, density=TOY)
+    store = tmp_path / "scores.sqlite"
+
+    def stop(done, total, cached):
+        if done > 150:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate(Toy(2), budget=320, density=TOY, store=store, on_scores=stop)
+    seen = []
+    again = estimate(
+        Toy(2, log=str(tmp_path / "log")),
+        budget=320, density=TOY, store=store, workers=2,
+        on_scores=lambda *counts: seen.append(counts),
+    )  # fmt: skip
+    assert again == whole
+    assert seen[-1][:2] == (320, 320)
+    assert seen[-1][2] > 100  # from the store
+    assert len((tmp_path / "log").read_text().splitlines()) == 320 - seen[-1][2]
+
+
+@pytest.mark.long
+def test_a_run_keeps_its_estimate_and_tells_it(tmp_path):
+    run = attack(
+        "SADA-Analytic-v0", budget=200, samples=40, env_kwargs={"volume": 0.1}, pictures=False,
+        out=tmp_path / "run",
+    )  # fmt: skip
+    assert run.estimate is None
+    densities = {"x0": {"normal": [0.0, 0.3]}, "x1": {"normal": [0.0, 0.3]}}
+    found = sada_gym.estimate(run, budget=300, density=densities)
+    assert load_run(run.folder).estimate == found
+    assert found.sentence in str(run)
+    assert "that rests on" in str(run)
+    if found.shares:
+        assert sum(share.share for share in found.shares) == pytest.approx(1.0)
+    # by the command line, to the bit
+    given = [f'{name}={{"normal": [0.0, 0.3]}}' for name in densities]
+    words = ["estimate", str(run.folder), "--budget", "300", "--json", "--density", given[0],
+             "--density", given[1]]  # fmt: skip
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0
+    assert FailureEstimate.model_validate_json(result.stdout) == found
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "Expected a density of ordinary use, got none: Toy does not say"),
+        ({"density": {"angle9": NORMAL}}, "Expected densities of angle0_deg, .* got one of"),
+        ({"density": 3}, "Expected density to have rvs"),
+        ({"density": multivariate_normal([0.0], [[1.0]])}, "finite draws of 3 parameters"),
+        ({"density": multivariate_normal([1e3] * 3)}, "a thousandth at least of the density"),
+        ({"budget": 5}, "budget"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_what_tells_no_density_gets_a_sentence(given, message):
+    with pytest.raises(ValueError, match=message):
+        estimate(Toy(3), **given)
+
+
+def test_what_is_neither_run_nor_application_gets_a_sentence(tmp_path):
+    with pytest.raises(TypeError, match="Expected a run, an Application"):
+        estimate(3)
+    with pytest.raises(ValueError, match="Expected a folder that `sada-gym attack` wrote"):
+        estimate(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"),
+    [(1.064e-4, "1 of 9,400"), (1.0, "100 %"), (0.02, "1 of 50"), (0.0, "0"), (0.25, "25 %")],
+)
+def test_odds_are_written_as_people_say_them(probability, text):
+    assert odds(probability) == text
+
+
+def record(**given):
+    fields = {
+        "probability": 1e-4,
+        "interval": (5e-5, 2.4e-4),
+        "queries": 2_000,
+        "method": "plain draws",
+        "refused": None,
+        "held": 1.0,
+        "drawn": 1_100,
+        "failures": 80,
+        "plain": 550,
+        "plain_failures": 0,
+        "effective": 60.0,
+        "unseen": 5e-3,
+        "density": {},
+        "seed": 0,
+    }
+    return FailureEstimate(**{**fields, **given})
+
+
+def test_the_line_for_a_safety_case():
+    assert record().sentence == (
+        "fails in 1 of 10,000 ordinary worlds (95 %: 1 of 20,000 to 1 of 4,200)"
+    )
+    nothing = record(probability=0.0, failures=0, interval=(0.0, 3.4e-3))
+    assert nothing.sentence == "no failure in 1,100 worlds: below 1 of 290 with 95 %"
+    assert dict(record(refused="too few").rows())["in ordinary use"].endswith("it: too few")
