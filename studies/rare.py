@@ -1,13 +1,13 @@
 """How often intervals of small probabilities of failure hold the truth, and how large errors are.
 
-    python -m studies.rare --half judge --runs 16
+    python -m studies.rare --half judge --runs 24
 
 Forty problems have a probability that is known exactly: 2 to 12 standard normal parameters, 1e-1 to
 1e-6, one to four regions, smooth and spotted, noisy or not, and regions that no score shows. The
 settings of `sada_gym.analyses.estimation` were chosen on those with even numbers; `--half judge`
 takes the others. Each run has 2,000 queries. "Before" are uniform worlds within 6 standard
 deviations, weighted by the density, as an attack's summary has them. Two seconds of one core a run;
-all forty problems with 16 runs take half an hour.
+twenty problems with 24 runs take a quarter of an hour.
 """
 
 from __future__ import annotations

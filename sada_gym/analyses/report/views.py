@@ -247,6 +247,12 @@ class RunView:
         return [] if self.failures is None else list(self.failures.rows())
 
     @property
+    def likely(self) -> list[tuple[str, str]]:
+        """How likely a failure is in ordinary use, where that was estimated."""
+        found = self.run.estimate
+        return [] if found is None else [*found.rows()][:1]
+
+    @property
     def order(self) -> list[str]:
         """The parameters' names, those that matter most first."""
         names = self.space.names
