@@ -19,6 +19,7 @@ LINES = {
     "benchmark": ["--track", "SADA-Analytic-v0", "-a", "random", "--images", "0", *SMALL],
     "confirm": ["run", "--env-kwargs", "digit=3", "--out", "new.json"],
     "diagnose": ["run"],
+    "estimate": ["SADA-Analytic-v0", "--budget", "20", "--density", 'x0={"normal": [0, 1]}'],
     "export": ["run", "--out", "suite", "--confirm", "0"],
     "fetch": ["efficientnet-lite0"],
     "init": ["CartPole-v1", "--agent", "builtins:abs"],

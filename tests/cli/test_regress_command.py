@@ -95,7 +95,7 @@ def read_junit(path: Path) -> tuple[int, int, int]:
 
 AGENTS = [
     ("the agent.pt", 0, "passed", "Passed. It is the same agent in the same application."),
-    ("better.pt", 0, "passed", "Passed. None of"),
+    ("better.pt", 0, "passed", "Passed. No regression"),
     ("worse.pt", 1, "failed", "Failed. "),
 ]
 

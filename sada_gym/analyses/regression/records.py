@@ -9,7 +9,6 @@ import json
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from sada_gym import __version__
 from sada_gym.analyses.regression.suite import Case, Ranged, Suite
 from sada_gym.foundations.files import Strict
 
@@ -113,7 +112,7 @@ def as_sarif(suite: Suite) -> bytes:
         {"id": _rule(number), "shortDescription": {"text": f"{place} fails: {group}"}}
         for number, group in enumerate(suite.groups, 1)
     ]
-    driver = {"name": "sada_gym", "semanticVersion": __version__, "rules": rules}
+    driver = {"name": "sada_gym", "version": item.packages.get("sada_gym", ""), "rules": rules}
     run = {"tool": {"driver": driver}, "results": results}
     return _json({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]})
 

@@ -2,7 +2,8 @@ import os
 import subprocess
 import sys
 
-import matplotlib as mpl
+import matplotlib as mplfrom importlib.util import find_spec
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -103,12 +104,16 @@ def test_a_users_style_changes_no_figure_of_ours(tmp_path):
     assert [name for name in plain if odd[name] != plain[name]] == []
 
 
+INLINE = "module://matplotlib_inline.backend_inline"
+"""The backend of notebooks, which matplotlib refuses where its package is not installed."""
+
+
 @pytest.mark.parametrize(
     ("named", "left"),
     [
         ("pdf", "pdf"),
         ("module://matplotlib.backends.backend_svg", "module://matplotlib.backends.backend_svg"),
-        ("module://matplotlib_inline.backend_inline", "None"),
+        (INLINE, INLINE if find_spec("matplotlib_inline") else "None"),
         ("not-installed", "None"),
     ],
 )
