@@ -1,9 +1,9 @@
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 
-import matplotlib as mplfrom importlib.util import find_spec
-
+import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
