@@ -44,7 +44,10 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
 
     Attributes:
         policy: What chooses the actions: `agent` as an `Agent`.
+        worlds_at_once: The most worlds whose episodes are in lockstep.
     """
+
+    worlds_at_once: ClassVar[int] = 2**20
 
     def __init__(self, agent: str | Path | Any, agent_id: str | None) -> None:
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
@@ -80,8 +83,9 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
         """Yield such rollouts of several worlds, (n, d), whose episodes go on in lockstep."""
         batch = self.parameters.validate(mu)
         checked = validate_seeds(seeds, len(batch))
-        for first in range(0, len(batch), _AT_ONCE):
-            last = first + _AT_ONCE
+        at_once = min(_AT_ONCE, self.worlds_at_once)
+        for first in range(0, len(batch), at_once):
+            last = first + at_once
             rows, row_seeds = batch[first:last], checked[first:last]
             with closing(self.episodes(rows, row_seeds)) as episodes:
                 rollouts = record(self.policy, episodes)
@@ -112,7 +116,6 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
             rollout ended and which step shows it.
         privileged_agent: `module:Class` of an agent that knows the whole world; "" if there is
             none.
-        worlds_at_once: The most worlds whose episodes are in lockstep.
     """
 
     episodes_class: ClassVar[type[Episodes[Any]]]
@@ -120,7 +123,6 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
     steps_a_frame: ClassVar[int] = 1
     behaviour_module: ClassVar[str]
     privileged_agent: ClassVar[str] = ""
-    worlds_at_once: ClassVar[int] = 2**20
 
     def _as_agent(self, given: Any) -> Agent[EpisodesT, npt.NDArray[Any]]:
         episodes: Any = self.episodes_class

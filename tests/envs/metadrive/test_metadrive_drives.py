@@ -341,9 +341,10 @@ def test_a_careful_driver_brakes_for_a_stopped_car_as_the_regulation_says():
 @pytest.mark.long
 def test_frames_show_the_road():
     application = swerving()
-    mu, seeds = worlds(1)
-    frame = application.render(mu[0], seeds[0])
-    assert frame.shape[1] == 700
+    mu, seeds = worlds(2)
+    frame, other = application.render_batch(mu, seeds)  # one after the other
+    assert frame.shape[1] == other.shape[1] == 700
+    assert (application.render(mu[1], seeds[1]) == other).all()
     seen = application.observation(mu[0], seeds[0])
     assert seen.shape == (460, 700, 3)
     assert len(np.unique(seen.reshape(-1, 3), axis=0)) > 20
