@@ -60,9 +60,9 @@ def test_a_folder_and_a_line_make_an_application(tmp_path: Path) -> None:
             if source.name not in ("__pycache__", *opened, "cards.py"):
                 (copied / source.name).symlink_to(source)
     (package / "envs" / TOY.name).symlink_to(TOY)
-    cards, end = (PACKAGE / "foundations" / "cards.py").read_text(encoding="utf-8"), '"carla"),\n'
-    assert cards.count(end) == 1
-    edited = cards.replace(end, f'"carla", "{TOY.name}"),\n')
+    cards = (PACKAGE / "foundations" / "cards.py").read_text(encoding="utf-8")
+    end = cards.index("\n)\n", cards.index("APPLICATIONS = ("))
+    edited = f'{cards[:end]}\n    "{TOY.name}",{cards[end:]}'
     (package / "foundations" / "cards.py").write_text(edited, encoding="utf-8")
 
     path = os.pathsep.join((str(tmp_path), str(PACKAGE.parent)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from contextlib import closing
 from importlib.metadata import distribution
 
 import gymnasium as gym
@@ -14,6 +15,7 @@ from zoo import needs
 
 import sada_gym
 from sada_gym import agents, attack
+from sada_gym.envs.metadrive import close_engine
 from sada_gym.envs.metadrive.application import MetaDriveApplication
 from sada_gym.envs.metadrive.card import CARD
 from sada_gym.envs.metadrive.episodes import STATES, UNFINISHED, DriveEpisodes
@@ -336,6 +338,18 @@ def test_a_careful_driver_brakes_for_a_stopped_car_as_the_regulation_says():
     assert braking.index(True) == 12  # the first step is no risk; 0.4 s and 0.75 s from the next
     full = 0.774 * 9.81 * 1100 / (200 * 150)
     assert action[0, 1] == pytest.approx(-full)
+
+
+def test_accidents_happen_after_a_first_world_without_any():
+    close_engine()
+    application = swerving()
+    mu = np.tile(application.nominal, (2, 1))
+    mu[1, PARAMETERS.names.index("accident_prob")] = 1.0
+    things = []
+    for row in mu:
+        with closing(application.episodes(row[None], [0])) as drive:
+            things.append(len(drive._engine.env.engine.managers["object_manager"].spawned_objects))
+    assert things[0] == 0 < things[1]
 
 
 @pytest.mark.long

@@ -225,7 +225,7 @@ def _load(aircraft: str) -> Any:
     jsbsim: Any = import_module("jsbsim")  # only a world needs it
     jsbsim.FGJSBBase().debug_lvl = 0
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
-    root, model = Path(jsbsim.get_default_root_dir()), AIRCRAFT[aircraft].model
+    root, model = Path(jsbsim.__file__).parent, AIRCRAFT[aircraft].model
     fdm = jsbsim.FGFDMExec(str(root))
     fdm.set_dt(1.0 / RATE_HZ)  # before the model: its filters keep the step that they were made for
     with tempfile.TemporaryDirectory() as folder:

@@ -60,6 +60,8 @@ class Engine:
             )
         self.world = 0
         self.env: Any = MetaDriveEnv(_settings())
+        with _no_download():
+            self.env.lazy_init()  # it has accidents; in a first world without any it would never
 
     def begin(self, start: DriveStart) -> tuple[int, Floats32]:
         """Begin the world of a start; return its number and the first observation."""
