@@ -8,8 +8,10 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 
 def killed_early(folder: Path, script: str) -> int:
@@ -26,6 +28,19 @@ def killed_early(folder: Path, script: str) -> int:
     process.send_signal(signal.SIGKILL)
     process.wait()
     return _committed(out / "run.sqlite")
+
+
+def check_same_bits(folder: Path, killed: int, script: str, attack_in: Callable[..., Any]) -> None:
+    """Kill a run early, and attack again: resumed, with one worker and with two the same comes.
+
+    `attack_in(folder, **options)` attacks as the script does, which asks less than `killed` times.
+    """
+    assert 3 <= killed_early(folder, script) < killed
+    options = {"killed": {"resume": True}, "one": {}, "two": {"workers": 2}}
+    runs = [attack_in(folder / name, **chosen) for name, chosen in options.items()]
+    for run in runs[1:]:
+        assert (run.samples.score == runs[0].samples.score).all()
+        assert (run.queries.score == runs[0].queries.score).all()
 
 
 def _committed(store: Path) -> int:
