@@ -97,6 +97,12 @@ class Parameter:
         has_unit = bool(suffix) and self.name.lower().endswith(suffix.lower())
         return self.name[: -len(suffix) if has_unit else None].replace("_", " ")
 
+    @property
+    def count(self) -> int:
+        """How many choices or whole numbers there are; 0 where any number of the range counts."""
+        whole = round(self.high - self.low) if self.whole else 0
+        return len(self.choices) or whole
+
     def shares(self, values: npt.ArrayLike) -> Floats:
         """Return where in the range physical values lie: 0 at low, 1 at high, the same shape.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -24,6 +25,21 @@ def dense(inputs: Floats, weights: Floats, biases: Floats) -> Floats:
     for k in range(len(inputs)):
         for unit in range(len(outputs)):
             outputs[unit] += weights[k, unit] * inputs[k]
+    return outputs
+
+
+def forward(
+    inputs: Floats, layers: Iterable[tuple[Floats, Floats]], activate: Callable[[Floats], None]
+) -> Floats:
+    """Return what layers of weights and biases make of inputs (n,).
+
+    `activate` is applied in place after each layer but the last.
+    """
+    outputs = inputs
+    for k, layer in enumerate(layers):
+        if k:
+            activate(outputs)
+        outputs = dense(outputs, *layer)
     return outputs
 
 

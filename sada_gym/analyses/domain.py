@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.errors import UserError
-from sada_gym.evaluations import fools
+from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import Bools, Floats32, Integers
 from sada_gym.foundations.files import Strict
 from sada_gym.measures.rates import Rate
@@ -84,10 +84,8 @@ class Domain(Strict):
                 f"Expected a run that says what its parameters are, got {run.folder} without "
                 "worlds.json. Make it by `sada-gym report`."
             )
-        tried = [run.samples] if queries is None else [queries, run.samples]
-        mu = np.concatenate([one.mu[~one.invalid] for one in tried])
-        score = np.concatenate([one.score[~one.invalid] for one in tried])
-        fooled = fools(score, run.target.fooling_threshold)
+        tried = run.samples if queries is None else Evaluations.joined([queries, run.samples])
+        mu, fooled = tried.valid.mu, tried.valid.fooled(run.target.fooling_threshold)
         used = run.result.in_use.density if run.result.in_use else {}
         ranges, places = [], []
         for k, parameter in enumerate(space.parameters):
@@ -105,10 +103,6 @@ class Domain(Strict):
             pairs=pairs,
             pairs_tried=tried_pairs,
         )
-
-    def as_json(self) -> bytes:
-        """Write all of it."""
-        return self.model_dump_json(indent=2).encode() + b"\n"
 
     def as_csv(self) -> bytes:
         """Write a row for each cell of each parameter."""
@@ -174,8 +168,7 @@ def _range(
 
 def _cells_of(parameter: Parameter, mu: Floats32, cells: int) -> tuple[Integers, int]:
     """Return the cell of each world, (n,), and how many cells there are."""
-    whole = round(parameter.high - parameter.low) if parameter.whole else cells
-    count = len(parameter.choices) or min(whole, cells)
+    count = len(parameter.choices) or min(parameter.count or cells, cells)
     return np.clip(((mu + 1.0) / 2.0 * count).astype(np.int64), 0, count - 1), count
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from sada_gym.cli.console import (
     application_option,
-    err,
     errors_as_sentences,
     json_option,
     option,
@@ -16,6 +15,7 @@ from sada_gym.cli.console import (
     scores_progress,
     workers_option,
 )
+from sada_gym.cli.report import make_anew
 
 
 def diagnose(
@@ -40,9 +40,7 @@ def diagnose(
     """
     with errors_as_sentences():
         from sada_gym.analyses.diagnose import diagnose as find
-        from sada_gym.analyses.report.make import report
         from sada_gym.measures.diagnosis.summary import details
-        from sada_gym.run.folder import REPORT_FILE
 
         with scores_progress() as progress:
             diagnosis = find(
@@ -53,9 +51,7 @@ def diagnose(
                 workers=workers,
                 on_scores=progress,
             )
-        if (run / REPORT_FILE).is_file():
-            with err.status("Making report.html anew"):
-                report(run, application=application)
+        make_anew(run, application)
     if as_json:
         print_json(diagnosis)
         return

@@ -9,7 +9,6 @@ import typer
 from sada_gym.cli.console import (
     application_option,
     env_kwargs_option,
-    err,
     errors_as_sentences,
     executor_option,
     json_option,
@@ -20,6 +19,7 @@ from sada_gym.cli.console import (
     scores_progress,
     workers_option,
 )
+from sada_gym.cli.report import make_anew
 
 
 def estimate(
@@ -53,9 +53,8 @@ def estimate(
         keywords = key_values(env_kwargs, "--env-kwargs")
         densities = key_values(density, "--density")
         from sada_gym.analyses.estimation.estimate import estimate as find
-        from sada_gym.analyses.report.make import report
         from sada_gym.evaluation.executors import open_executor
-        from sada_gym.run.folder import REPORT_FILE, SETTINGS_FILE
+        from sada_gym.run.folder import SETTINGS_FILE
 
         folder = Path(what)
         is_run = (folder / SETTINGS_FILE).is_file()
@@ -72,9 +71,8 @@ def estimate(
                 store=store,
                 on_scores=progress,
             )
-        if is_run and (folder / REPORT_FILE).is_file():
-            with err.status("Making report.html anew"):
-                report(folder, application=application)
+        if is_run:
+            make_anew(folder, application)
     if as_json:
         print_json(result)
         return

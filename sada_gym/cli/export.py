@@ -85,15 +85,17 @@ def export(
 def _export_domain(runs: list[Path], out: Path, as_json: bool) -> None:
     with errors_as_sentences():
         from sada_gym.analyses.domain import Domain
-        from sada_gym.foundations.files import write_file
+        from sada_gym.foundations.files import write_file, write_model
         from sada_gym.run.run import load_run
 
         if len(runs) != 1:
             raise UserError(f"Expected one run for --format odd, got {len(runs)}. Export each.")
         domain = Domain.of(load_run(runs[0]))
-        writers = {".csv": domain.as_csv, ".yaml": domain.as_openodd, ".json": domain.as_json}
-        check_known("ending of --out", [out.suffix], list(writers))
-        write_file(out, writers[out.suffix]())
+        check_known("ending of --out", [out.suffix], [".csv", ".yaml", ".json"])
+        if out.suffix == ".json":
+            write_model(out, domain)
+        else:
+            write_file(out, domain.as_csv() if out.suffix == ".csv" else domain.as_openodd())
     if as_json:
         print_json(domain)
         return

@@ -61,3 +61,13 @@ def report(
         print_json({"path": path, "size": size})
     else:
         say(f"{path}: {size / 1e6:.2f} MB")
+
+
+def make_anew(run: Path, application: str | None) -> None:
+    """Make a run's report.html again, if it has one, after something was found."""
+    from sada_gym.analyses.report.make import report as make
+    from sada_gym.run.folder import REPORT_FILE
+
+    if (run / REPORT_FILE).is_file():
+        with err.status("Making report.html anew"):
+            make(run, application=application)

@@ -172,9 +172,7 @@ def _centred(space: ParameterSpace, axes: Indices, mu: Floats) -> Floats:
     """Move the mu of whole numbers and choices, (n,), to the middle of what is the same world."""
     centred = mu.copy()
     for k, axis in enumerate(axes):
-        parameter = space.parameters[axis]
-        whole = round(parameter.high - parameter.low) if parameter.whole else 0
-        if count := len(parameter.choices) or whole:
+        if count := space.parameters[axis].count:
             cell = min(int((mu[k] + 1.0) / 2.0 * count), count - 1)
             centred[k] = (2.0 * cell + 1.0) / count - 1.0
     return centred

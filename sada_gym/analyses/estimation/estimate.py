@@ -28,7 +28,7 @@ from sada_gym.measures.diagnosis.grouping import by_weakness
 from sada_gym.measures.likelihood import ESTIMATE_FILE, FailureEstimate, RiskShare
 from sada_gym.parameters import Mu
 from sada_gym.run import Run, load_run
-from sada_gym.run.folder import ELSEWHERE_FILE, SETTINGS_FILE
+from sada_gym.run.folder import ELSEWHERE_FILE
 
 _FEWEST = 20
 _FIRST_SEED = 2**24  # of the validation stream, whose first seeds have other purposes
@@ -148,8 +148,7 @@ def _as_run(given: Any) -> Run | None:
     if isinstance(given, Application):
         return None
     path = Path(given)
-    is_run = (path / SETTINGS_FILE).is_file() or path.is_dir()
-    return load_run(path) if is_run else None
+    return load_run(path) if path.is_dir() else None
 
 
 def _use(application: Application, density: Any, rng: np.random.Generator) -> Use:

@@ -135,9 +135,8 @@ class Axis:
         if self.exact:
             return guess
         parameter = self.parameter
-        if self.other is None and (parameter.whole or parameter.choices):
-            count = len(parameter.choices) or round(parameter.high - parameter.low)
-            step = (parameter.high - parameter.low) / count  # between two values
+        if self.other is None and parameter.count:
+            step = (parameter.high - parameter.low) / parameter.count  # between two values
             return parameter.low + step * round((near - parameter.low) / step)
         return roundest(low, high, near, angle=parameter.unit == "deg" and self.other is None)
 

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.exported import OnnxNetwork
-from sada_gym.agents.layers import dense, exponential
+from sada_gym.agents.layers import exponential, forward
 from sada_gym.agents.tile import ALONE
 from sada_gym.envs.go2.episodes import ACTION_SPACE, OBSERVATION_SPACE, Go2Episodes
 from sada_gym.envs.go2.package import package
@@ -48,17 +48,11 @@ class _Network:
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]]) -> None:
         parts = [array.tobytes() for layer in layers for array in layer]
         self.fingerprint = hashlib.sha256(b"".join(parts)).hexdigest()
-        self._weights = tuple(weights.astype(np.float64) for weights, _ in layers)
-        self._biases = tuple(biases.astype(np.float64) for _, biases in layers)
+        self._layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in layers]
 
     def __call__(self, row: Floats32) -> Floats:
         """Return the actions (12,) for one observation (45,)."""
-        values: Floats = row.astype(np.float64)
-        for k, layer in enumerate(zip(self._weights, self._biases, strict=True)):
-            values = dense(values, *layer)
-            if k < len(self._weights) - 1:
-                _elu(values)
-        return values
+        return forward(row.astype(np.float64), self._layers, _elu)
 
 
 class Go2Walk:

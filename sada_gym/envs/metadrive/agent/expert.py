@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.agents.layers import dense
+from sada_gym.agents.layers import forward
 from sada_gym.envs.metadrive.episodes import DriveEpisodes
 from sada_gym.foundations.arrays import Floats, Indices
 from sada_gym.foundations.compiled import kernel
@@ -32,7 +32,7 @@ class Expert:
     """
 
     def __init__(self, weights: tuple[Floats, ...], biases: tuple[Floats, ...]) -> None:
-        self._weights, self._biases = weights, biases
+        self._layers = [*zip(weights, biases, strict=True)]
         parts = [array.tobytes() for array in (*weights, *biases)]
         self.fingerprint = hashlib.sha256(b"".join(parts)).hexdigest()
 
@@ -44,7 +44,7 @@ class Expert:
         seen = episodes.observe(which)
         inputs = np.concatenate([seen["state"], seen["lidar"]], axis=1).astype(np.float64)
         inputs[:, _TURNED] = 1.0 - inputs[:, _TURNED]
-        return np.stack([_act(row, self._weights, self._biases)[:2] for row in inputs])
+        return np.stack([forward(row, self._layers, _tanh)[:2] for row in inputs])
 
 
 def load(files: Mapping[str, Path]) -> Expert:
@@ -57,11 +57,7 @@ def load(files: Mapping[str, Path]) -> Expert:
 
 
 @kernel
-def _act(inputs: Floats, weights: tuple[Floats, ...], biases: tuple[Floats, ...]) -> Floats:
-    first = dense(inputs, weights[0], biases[0])
-    for unit in range(len(first)):
-        first[unit] = math.tanh(first[unit])
-    second = dense(first, weights[1], biases[1])
-    for unit in range(len(second)):
-        second[unit] = math.tanh(second[unit])
-    return dense(second, weights[2], biases[2])
+def _tanh(values: Floats) -> None:
+    """Apply the hyperbolic tangent in place."""
+    for unit in range(len(values)):
+        values[unit] = math.tanh(values[unit])
