@@ -108,6 +108,8 @@ class Application(ABC):
             computed, and no test sample is drawn there.
         repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
             simulator that cannot promise it says so; agents are then not asked twice.
+        requirements: The names of several requirements that the score is the worst of; their
+            margins stand in each info, and behaviours say which ones fail.
         combines: Whether its parameters are conditions that may do harm together alone: attacks
             then tell how much of each does none, and how many failures need no more.
         render_fps: Frames of `replay` in a second of its episode.
@@ -129,6 +131,7 @@ class Application(ABC):
     nominal: Floats32 | None = None
     density: WorldDensity | None = None
     permits: Permits = staticmethod(all_can_exist)
+    requirements: tuple[str, ...] = ()
     _on_error: OnError = "raise"  # where a worker process dies in a world, see `watch`
     _timeout: float | None = None  # seconds that a worker process may take for a world
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages

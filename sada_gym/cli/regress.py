@@ -74,6 +74,8 @@ def regress(
     say(f"{result.agent} on {result.track}, compared with {result.compared_with}", lead="[bold]")
     for change, count in result.counts().items():
         say(f"  {count:>4} {change}")
+    if result.failing is not None:
+        say(f"The worlds that fail: {result.failing}.")
     for difference in result.differences:
         say(f"Different from the export: {difference}.", lead="[dim]")
     say(f"{result.decision.status.capitalize()}. {result.decision.reason}")

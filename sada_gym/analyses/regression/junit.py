@@ -118,6 +118,8 @@ def markdown(result: Regression) -> str:
     incomparable = sum(world.change == "not comparable" for world in result.worlds)
     if incomparable:
         lines += ["", f"{incomparable} worlds are invalid, now or before, and do not count."]
+    if result.failing is not None:
+        lines += ["", f"The worlds that fail: {_plain(result.failing)}."]
     if result.differences:
         lines += ["", "Different from when the suite was exported:", ""]
         lines += [f"- {_plain(change)}" for change in result.differences]

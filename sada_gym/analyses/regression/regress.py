@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.agents.agent_files import SUFFIXES
+from sada_gym.analyses.failures import PlayedAgain
 from sada_gym.analyses.mapping import map_samples
 from sada_gym.analyses.regression.compare import (
     Change,
@@ -32,6 +33,7 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.packages import installed
 from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.foundations.behaviour import Behaviours
 from sada_gym.foundations.files import OneLine, Strict, parse_toml, shown
 
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
@@ -67,6 +69,8 @@ class Regression(Strict):
         differences: What is not as it was when the suite was exported.
         groups: What the worlds of each distinct failure share.
         suite_agent: The agent that the suite was exported of.
+        failing: Where the score has several requirements, which ones the agent fails in the worlds
+            that fail now.
     """
 
     suite: str
@@ -78,6 +82,7 @@ class Regression(Strict):
     differences: tuple[OneLine, ...]
     groups: tuple[OneLine, ...]
     worlds: tuple[CaseResult, ...]
+    failing: OneLine | None = None
 
     @property
     def exit_code(self) -> int:
@@ -139,6 +144,7 @@ def regress(
         in_parts = InParts(on_scores, total)
         results = [_score(content, path, there, kept, in_parts) for there in opened]
         changed = _differences(content.test_item, path, opened[0])
+        failing = results[0].failing()
     now, before = results[0], results[1] if baseline is not None else None
     worlds = tuple(
         now.world(i, case.expected_result if before is None else before.verdicts[i], case)
@@ -158,6 +164,7 @@ def regress(
         differences=(*changed, *now.clipped),
         groups=content.groups,
         worlds=worlds,
+        failing=failing,
     )
 
 
@@ -174,6 +181,22 @@ class _Tested:
     @property
     def target(self) -> Target:
         return self.opened.target
+
+    def failing(self) -> OneLine | None:
+        """Say which of several requirements the agent fails, in the first bad seed of each world.
+
+        None where the score has a single one, or no world fails.
+        """
+        application = self.opened.application
+        failing = [
+            rows for rows, now in zip(self.rows, self.verdicts, strict=True) if now == "fail"
+        ]
+        if not failing or not application.requirements:
+            return None
+        fooled = self.scored.fooled(application.fooling_threshold)
+        bad = [rows.start + int(np.flatnonzero(fooled[rows])[0]) for rows in failing]
+        told = Behaviours.of(PlayedAgain(application).play(self.scored[np.array(bad, np.intp)]))
+        return None if told is None else shown(told.sentence)
 
     def world(self, i: int, before: Verdict | None, case: Case) -> CaseResult:
         rows = self.rows[i]

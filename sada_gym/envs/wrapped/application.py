@@ -42,8 +42,9 @@ from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.loading import AgentLoader
 from sada_gym.envs.wrapped.paths import passed
 from sada_gym.envs.wrapped.pictures import EpisodePictures
-from sada_gym.envs.wrapped.scores import FunctionScore, ScoreLike, as_score
+from sada_gym.envs.wrapped.scores import ScoreLike
 from sada_gym.envs.wrapped.served import ServedEnvironment, server_of
+from sada_gym.envs.wrapped.several import Several, given_score
 from sada_gym.errors import (
     Notice,
     UserError,
@@ -100,7 +101,10 @@ class GymnasiumApplication(EpisodePictures):
         score: ("return", low, high), which clips; "success", which reads `info["is_success"]` or
             `info["success"]`; ("success", key) for another key; ("length", maximum); or a function
             of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
-        fooling_threshold: The agent is fooled where the score is at most this.
+            Several requirements are a dictionary of such scores by name, of which an episode fails
+            one at least where it fails: the score is then the least margin, see `Several`.
+        fooling_threshold: The agent is fooled where the score is at most this. Of several
+            requirements, one number for all, or one for each by name.
         episodes: The episodes whose mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         max_steps: The limit of steps of an episode; None keeps the environment's own. "own" says
@@ -152,6 +156,8 @@ class GymnasiumApplication(EpisodePictures):
             saves costly constructors. No parameter may be a keyword of the constructor. Before the
             first score counts, three worlds must go the same way in new environments and in one
             that was reset.
+        requirement: Of several requirements, the one by which alone the agent fails, and whose
+            margin adversaries see; None takes the worst in each episode.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -181,8 +187,8 @@ class GymnasiumApplication(EpisodePictures):
         *,
         agent: Any,
         parameters: Mapping[str, ParameterBinding | tuple[float, float]],
-        score: ScoreLike,
-        fooling_threshold: float,
+        score: ScoreLike | Mapping[str, ScoreLike],
+        fooling_threshold: float | Mapping[str, float],
         episodes: int = 1,
         sample_size: int = 100,
         max_steps: int | Literal["own"] | None = None,
@@ -201,6 +207,7 @@ class GymnasiumApplication(EpisodePictures):
         privileged: Any = None,
         num_envs: int | None = None,
         reuse: bool = False,
+        requirement: str | None = None,
     ) -> None:
         check_integer("episodes", episodes, 1, _MOST_EPISODES)
         check_integer("sample_size", sample_size, 1, _MOST_WHOLE)
@@ -230,7 +237,9 @@ class GymnasiumApplication(EpisodePictures):
             if not isinstance(given, bool):
                 raise UserTypeError(f"Expected {flag} to be a bool, got {given!r}.")
         self._on_error, self._timeout, self._episode_count = on_error, timeout, episodes
-        self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
+        scored_by, self.fooling_threshold = given_score(score, fooling_threshold, requirement)
+        self.requirements = tuple(scored_by.scores) if isinstance(scored_by, Several) else ()
+        self.sample_size = sample_size
         server = server_of(environment)
         made: Any = environment if server is None else ServedEnvironment(server, agent_timeout)
         kwargs = {} if env_kwargs is None else env_kwargs
@@ -248,7 +257,7 @@ class GymnasiumApplication(EpisodePictures):
                 bindings,
                 env.observation_space,
                 env.action_space,
-                as_score(score),
+                scored_by,
                 "the agent",
                 on_error,
                 valid,
@@ -411,7 +420,7 @@ class GymnasiumApplication(EpisodePictures):
         made = spec.factory.environment
         functions = {
             "environment": None if isinstance(made, str | ServedEnvironment) else made,
-            "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
+            **spec.score.own_functions,
             "valid": spec.valid,
             **{f"feasible {i}": condition for i, condition in enumerate(self._feasible.functions)},
             **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from sada_gym.envs.wrapped.episodes import RunningEpisode
+from sada_gym.envs.wrapped.several import EDGE
 from sada_gym.evaluations import fools
 from sada_gym.foundations.behaviour import MOST_NAMED, Behaviour, Plain, listed_events, plain_values
 from sada_gym.foundations.figures import number
@@ -30,7 +31,7 @@ def behaviour(episodes: Sequence[RunningEpisode], threshold: float) -> Behaviour
         return Behaviour(_text(each[0], episodes[0]), told, data=each[0])
     fine = f"none of {len(episodes)} episodes failed"
     text, told = listed_events(events, len(episodes), "episode", fine)
-    return Behaviour(text, told, "episode", _joined(each))
+    return Behaviour(text, told, "episode", mean_values(each))
 
 
 def _data(episode: RunningEpisode) -> dict[str, Plain]:
@@ -38,10 +39,17 @@ def _data(episode: RunningEpisode) -> dict[str, Plain]:
         "steps": len(episode.rewards),
         "return": float(sum(episode.rewards)),
     }
-    return {**ended, **plain_values(episode.info, "info ")}
+    margins = {f"margin of {name}": value for name, value in episode.margins.items()}
+    return {**ended, **margins, **plain_values(episode.info, "info ")}
 
 
 def _event(episode: RunningEpisode) -> str:
+    """Say which requirements failed together, or else how the episode ended."""
+    failed = [name for name, value in episode.margins.items() if fools(value, EDGE)]
+    return f"fails {' and '.join(failed)}" if failed else _ending(episode)
+
+
+def _ending(episode: RunningEpisode) -> str:
     if episode.broken:
         return f"broken: {episode.broken}"
     ended = "terminated" if episode.terminated else "truncated"
@@ -52,10 +60,12 @@ def _event(episode: RunningEpisode) -> str:
 
 def _text(data: dict[str, Plain], episode: RunningEpisode) -> str:
     total = number(float(data["return"]))
-    return f"{_event(episode)} after {data['steps']} steps, return {total}"
+    event, ending = _event(episode), _ending(episode)
+    said = ending if event == ending else f"{event}: {ending}"
+    return f"{said} after {data['steps']} steps, return {total}"
 
 
-def _joined(each: Sequence[dict[str, Plain]]) -> dict[str, Plain]:
+def mean_values(each: Sequence[Mapping[str, Plain]]) -> dict[str, Plain]:
     """Return the mean of numbers, the share of truth values, and texts that are all the same."""
     joined: dict[str, Plain] = {}
     for name in each[0]:

@@ -234,13 +234,15 @@ class RunningEpisode:
 
     Its `observation` is what the agent sees; `score` is NaN as long as it goes on. It ends where
     its world breaks; `broken` then says why. `terminated`, `truncated` and `info` are what the
-    environment said at the last step, and `spent` are the seconds of its parts.
+    environment said at the last step, and `spent` are the seconds of its parts. `margins` are those
+    of several requirements.
     """
 
     def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
         self.spent = {"constructor": 0.0, "reset": 0.0, "steps": 0.0}
         self._spec, self.start = spec, start
         self.ended, self.clipped, self.score, self.broken = False, False, np.nan, ""
+        self.margins: dict[str, float] = {}
         self.terminated, self.truncated = False, False
         self.info: Mapping[str, Any] = {}
         self.observation: Any = None
@@ -282,7 +284,7 @@ class RunningEpisode:
             self.terminated, self.truncated = bool(terminated), bool(truncated)
             check_valid(self.env.unwrapped, self._spec.valid, self._spec.factory.name)
             episode = self._recorder.episode(terminated=self.terminated, truncated=self.truncated)
-            self.score, self.clipped = self._spec.score(episode)
+            self.score, self.clipped, self.margins = self._spec.score.judge(episode)
 
     @property
     def environment(self) -> gym.Env[Any, Any]:

@@ -18,7 +18,7 @@ from sada_gym.agents.contract import Agent
 from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng, validate_world
 from sada_gym.envs.episodes.base import play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.wrapped.behaviour import behaviour
+from sada_gym.envs.wrapped.behaviour import behaviour, mean_values
 from sada_gym.envs.wrapped.bindings import Keyword
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (
@@ -125,7 +125,10 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
 
     def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.full(len(mu), INVALID_SCORE)
-        outside = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
+        outside: dict[str, Any] = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0}
+        outside["clipped"] = False
+        if self.requirements:
+            outside["requirements"] = dict.fromkeys(self.requirements, INVALID_SCORE)
         extras = [{**outside, **self._discrete_values(values)} for values in self._values(mu)]
         for i, together in self._played(mu, seeds, self.policy):
             broken = next((episode.broken for episode in together if episode.broken), "")
@@ -137,6 +140,8 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
                 "length": float(np.mean([len(episode.rewards) for episode in together])),
                 "clipped": any(episode.clipped for episode in together),
             }
+            if self.requirements and not broken:
+                extras[i]["requirements"] = mean_values([one.margins for one in together])
         self._warn_of_clipping(extras)
         return Scored(score, extras)
 

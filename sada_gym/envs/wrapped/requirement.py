@@ -78,6 +78,10 @@ class Requirement(Score):
         signals = {k: code_name(v) if callable(v) else v for k, v in self.signals.items()}
         return ["stl", self.formula, signals, float(self.scale)]
 
+    @property
+    def own_functions(self) -> dict[str, Callable[..., Any]]:  # noqa: D102
+        return {f"signal {k!r}": v for k, v in self.signals.items() if callable(v)}
+
     def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
         specification, names = _parsed(self.formula)
         traces = {name: self._trace(name, episode).tolist() for name in names}

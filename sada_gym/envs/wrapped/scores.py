@@ -71,9 +71,18 @@ class Score(ABC):
     def settings(self) -> Any:
         """The score as data for JSON."""
 
+    @property
+    def own_functions(self) -> dict[str, Callable[..., Any]]:
+        """The user's functions that it calls, by what they do: no fingerprint covers their code."""
+        return {}
+
     @abstractmethod
     def __call__(self, episode: Episode) -> tuple[float, bool]:
         """Return the score in [0, 1], and whether it was clipped."""
+
+    def judge(self, episode: Episode) -> tuple[float, bool, dict[str, float]]:
+        """Return the same, and the margins of several requirements by name, see `Several`."""
+        return *self(episode), {}
 
 
 @dataclass(frozen=True)
@@ -211,6 +220,10 @@ class FunctionScore(Score):
     @property
     def settings(self) -> Any:  # noqa: D102
         return code_name(self.function)
+
+    @property
+    def own_functions(self) -> dict[str, Callable[..., Any]]:  # noqa: D102
+        return {"score": self.function}
 
     def __call__(self, episode: Episode) -> tuple[float, bool]:
         """Call the function, and check what it returns."""

@@ -66,7 +66,8 @@ _TOML_TYPES = {
     Mapping: dict,
 }
 _WORDS_OF_KEYS = {
-    "score": '["return", low, high], ["length", maximum], "success" or ["success", key]',
+    "score": '["return", low, high], ["length", maximum], "success", ["success", key] or a table '
+    "of these by name",
     "max_steps": "a whole number",
     "environment": "a text in quotes, or a command as an array of texts",
     "agent": "a text in quotes, or a command as an array of texts",
