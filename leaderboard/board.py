@@ -32,12 +32,15 @@ class Ranking:
     """One comparison in one tier: the rows, and the tables over all tracks and on each of them.
 
     Attributes:
+        partial: The table of entries that did not run on every track, with every seed; None
+            without any.
         open: Whether the page unfolds it: it has entries that no higher tier has.
     """
 
     tier: Tier
     rows: tuple[Row, ...]
     whole: Sheet
+    partial: Sheet | None
     by_track: Sheet
     coverage_by_track: Sheet | None
     open: bool
@@ -88,10 +91,18 @@ class GroupBoard:
             if comparison is None:
                 continue
             rows = comparison.rows
-            whole, by_track, coverage = ranking_sheets(self.card, self.entries, comparison, tier)
-            is_open = any(row.entry not in known for row in rows)
-            shown = coverage if coverage.lines else None
-            yield Ranking(tier, rows, whole, by_track, shown, is_open)
+            whole, partial, by_track, coverage = ranking_sheets(
+                self.card, self.entries, comparison, tier
+            )
+            yield Ranking(
+                tier,
+                rows,
+                whole,
+                partial if partial.lines else None,
+                by_track,
+                coverage if coverage.lines else None,
+                open=any(row.entry not in known for row in rows),
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,6 +74,7 @@ class _RankingLine(NamedTuple):
     name: Cell
     cells: Mapping[str, Cell]
     rates: Mapping[str, Mapping[str, float]]
+    complete: bool = True
 
     def line(self, cells: Mapping[str, Cell]) -> Line:
         return Line(self.kind, {"entry": self.name, **cells})
@@ -81,16 +82,18 @@ class _RankingLine(NamedTuple):
 
 def ranking_sheets(
     card: ApplicationCard, entries: Sequence[Entry], comparison: TableComparison, tier: Tier
-) -> tuple[Sheet, Sheet, Sheet]:
+) -> tuple[Sheet, Sheet, Sheet, Sheet]:
     """Lay out a comparison in one tier: entries by F1 (AFR without coverage), then other rates.
 
     Returns:
-        All figures over the tracks; the AFR by track; the coverage by track.
+        All figures over the tracks; those of entries that did not run on every track, with every
+        seed; the AFR by track; the coverage by track.
     """
     entry_of = {entry.metadata.name: entry for entry in entries}
     tracks = tuple(track for track in card.board_tracks if track in comparison.by_track)
     rows = sorted(
-        comparison.rows, key=lambda row: -row.deciding.value if row.deciding else math.inf
+        comparison.rows,
+        key=lambda row: (not row.complete, -row.deciding.value if row.deciding else math.inf),
     )
     lines = [
         _RankingLine(
@@ -98,6 +101,7 @@ def ranking_sheets(
             entry_link(row.entry, row.label),
             _cells(row, comparison.runs, entry_of[row.entry]),
             _rates(row.entry, {track: comparison.by_track[track] for track in tracks}),
+            row.complete,
         )
         for row in rows
     ]
@@ -106,11 +110,19 @@ def ranking_sheets(
     lines += _uniform(comparison.agent, tracks, entries)
     name = f"{slug(card.page)}.{comparison.name}.{tier}"
     over = f", mean over {len(tracks)} tracks" if len(tracks) > 1 else " on the only track"
-    overall = tuple(line.line(line.cells) for line in lines if line.cells)
+    overall, partial = (
+        tuple(line.line(line.cells) for line in lines if line.cells and line.complete is complete)
+        for complete in (True, False)
+    )
     afr, coverage = (
         _by_track(f"{name}.{figure}", card, tracks, lines, figure) for figure in _BY_TRACK
     )
-    return Sheet(f"{name}.all", f"All figures{over}", _COLUMNS, overall), afr, coverage
+    return (
+        Sheet(f"{name}.all", f"All figures{over}", _COLUMNS, overall),
+        Sheet(f"{name}.incomplete", f"Incomplete entries{over}", _COLUMNS, partial),
+        afr,
+        coverage,
+    )
 
 
 def paper_sheet(card: ApplicationCard) -> Sheet | None:
@@ -253,12 +265,12 @@ def missing_part(track: str, agent: str) -> str:
 _STRONGEST = (
     text_column("agent"),
     text_column("track"),
-    text_column("group", choice=True),
     text_column("nominal", "in nominal worlds, it"),
     Column(
         "uniform_rate",
         "uniform worlds, %",
-        "The share of uniform worlds that fool the agent, from the track's reference set.",
+        "The share of uniform worlds that fool the agent, from the track's reference set, or from "
+        "the verified entry that draws uniform worlds.",
     ),
     Column(
         "afr",
@@ -269,7 +281,6 @@ _STRONGEST = (
     *row_columns("relative_coverage"),
     _ENTRY,
     text_column("rule", "budget rule", choice=True),
-    *row_columns("queries"),
 )
 
 
@@ -285,18 +296,29 @@ def strongest_sheet(groups: Iterable[tuple[ApplicationCard, Sequence[Entry], Res
             cells = {
                 "agent": text_cell(agent or "-"),
                 "track": text_cell(track, href=f"{card.page}.html"),
-                "group": text_cell(card.title),
                 "nominal": text_cell(nominal[agent]),
-                "uniform_rate": rate_cell(uniform_rate(track, agent, entries)),
             }
+            uniform = uniform_rate(track, agent, entries)
+            if uniform is None:
+                uniform = _rate_of("random", verified, track, agent)
+            cells["uniform_rate"] = rate_cell(uniform)
             if strongest := _strongest(entries, verified, track, agent):
                 rule, row = strongest
-                cells |= row_cells(row, ("afr", "relative_coverage", "queries"))
+                cells |= row_cells(row, ("afr", "relative_coverage"))
                 cells |= {"entry": entry_link(row.entry, row.label), "rule": text_cell(rule)}
             lines.append(Line("ranked", cells))
     # what was attacked comes first, the weakest agent at the top
     lines.sort(key=lambda line: -float(line.cells.get("afr", BLANK).value or -1.0))
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
+
+
+def _rate_of(entry: str, verified: Results, track: str, agent: str) -> float | None:
+    """Return the verified AFR of an entry on a track, if it has one."""
+    for comparison in verified.comparisons:
+        for row in comparison.by_track.get(track, ()) if comparison.agent == agent else ():
+            if row.entry == entry and row.afr is not None:
+                return row.afr.value
+    return None
 
 
 def _strongest(

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Pictures, SamplePicture
+from sada_gym.adversaries import registry
+from sada_gym.board.benchmark.plan import AUTHORS
 from sada_gym.board.results.columns import row_cells, row_columns
 from sada_gym.board.results.entry import Entry, EntryResult
 from sada_gym.board.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
@@ -60,6 +62,8 @@ class EntryPage:
     """The page of an entry; `links` holds those to web pages alone."""
 
     metadata: EntryMetadata
+    description: str
+    by: str
     adversary: AdversarySpec | None
     tiers: tuple[Tier, ...]
     options: str
@@ -82,6 +86,8 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
     links = {"Paper": metadata.paper, "Repository": metadata.repository}
     return EntryPage(
         metadata=metadata,
+        description=describe(entry),
+        by=made_by(entry),
         adversary=adversary,
         tiers=tuple(t for t in TIERS if t in {result.tier for result in entry.results.values()}),
         options=json.dumps(adversary.options, indent=2, ensure_ascii=False)
@@ -95,6 +101,20 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
         outdated=outdated_sheet(f"entries/{metadata.name}", outdated) if outdated else None,
         failures=_flag("", ((seed.error, place) for place, seed in _seeds(entry) if seed.error)),
     )
+
+
+def describe(entry: Entry) -> str:
+    """Say what an entry's adversary does: its own words, or those of the adversary of that name."""
+    name = entry.adversary.name if entry.adversary else ""
+    summaries = {row.name: row.summary.replace("`", "") for row in registry.describe()}
+    is_ours = entry.metadata.authors == AUTHORS
+    return entry.metadata.description or (summaries.get(name, "") if is_ours else "")
+
+
+def made_by(entry: Entry) -> str:
+    """Name an entry's authors; those of the developers are baselines."""
+    authors = entry.metadata.authors
+    return "the developers' baseline" if authors == AUTHORS else ", ".join(authors)
 
 
 def is_web(url: str) -> bool:

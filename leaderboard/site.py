@@ -14,7 +14,7 @@ import jinja2
 import typer
 
 from leaderboard.board import Board, GroupBoard, make_board
-from leaderboard.entry_page import entry_page
+from leaderboard.entry_page import describe, entry_page, made_by
 from leaderboard.pictures import Pictures
 from sada_gym import __version__
 from sada_gym.board.results.entry import read_entries
@@ -112,7 +112,12 @@ def site_files(
 def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
     for _, rankings in group.comparisons:
         for ranking in rankings:
-            sheets = (ranking.whole, ranking.by_track, ranking.coverage_by_track)
+            sheets = (
+                ranking.whole,
+                ranking.partial,
+                ranking.by_track,
+                ranking.coverage_by_track,
+            )
             yield from filter(None, sheets)
     yield from filter(None, (group.paper_sheet, group.outdated_sheet))
 
@@ -130,6 +135,16 @@ def leaders(group: GroupBoard) -> Iterator[tuple[str, list[str]]]:
                 break
 
 
+def extremes(strongest: Sheet) -> Iterator[tuple[str, str]]:
+    """Yield the agents that the strongest attacks fool most and least, each with its track."""
+    attacked = [line.cells for line in strongest.lines if "afr" in line.cells]
+    for title, cells in zip(
+        ("fooled most", "fooled least"), attacked[:1] + attacked[1:][-1:], strict=False
+    ):
+        texts = {name: cells[name].text for name in ("agent", "track", "afr")}
+        yield title, "{agent} on {track}: AFR {afr} %".format(**texts)
+
+
 def _with_figures(row: Row) -> str:
     figures = (("F1", row.f1), ("AFR", row.afr), ("coverage", row.relative_coverage))
     texts = (f"{name} {100 * figure.value:.0f} %" for name, figure in figures if figure)
@@ -139,10 +154,11 @@ def _with_figures(row: Row) -> str:
 _NAMED = 3  # leaders on a card
 
 _ENTRIES = (
-    *(text_column(key) for key in ("entry", "authors", "adversary", "groups")),
+    *(text_column(key) for key in ("entry", "by", "description", "groups")),
     Column("verified", "verified", "The number of results that we verified."),
     Column("claimed", "claimed", "The number of results that we have not verified."),
     Column("outdated", "outdated", "The number of results that no longer compare with others."),
+    text_column("date"),
     text_column("licence"),
 )
 
@@ -162,12 +178,13 @@ def entries_sheet(board: Board) -> Sheet:
         tiers = [result.tier for own in current.values() for result in own.results.values()]
         cells = (
             entry_link(name, metadata.title),
-            text_cell(", ".join(metadata.authors)),
-            text_cell(entry.adversary.name if entry.adversary else ""),
+            text_cell(made_by(entry)),
+            text_cell(describe(entry)),
             text_cell(", ".join(current)),
             number_cell(tiers.count("verified")),
             number_cell(tiers.count("claimed")),
             number_cell(late or None),
+            text_cell(metadata.date),
             text_cell(metadata.licence),
         )
         lines.append(line_of(_ENTRIES, cells))
@@ -188,6 +205,7 @@ def _environment() -> jinja2.Environment:
         "version": __version__,
         "bibtex": bibtex.replace("VERSION", __version__),
         "leaders": leaders,
+        "extremes": extremes,
         "blank": BLANK,
     }
     return environment

@@ -20,7 +20,7 @@ WIDTHS, THEMES, LONGEST = (390, 1400), ("light", "dark"), 16_000
 
 TOO_WIDE = """
 const width = document.documentElement.clientWidth
-const frames = ".table-wrapper, pre, .math-wrapper, .sidebar-drawer, .toc-drawer"
+const frames = ".table-wrapper, pre, .math-wrapper, .sidebar-drawer, .toc-drawer, .scroll, .top nav"
 const scrolls = one => one.closest(frames)
 return [...document.querySelectorAll("body *")]
     .filter(one => one.getBoundingClientRect().right > width + 1 && !scrolls(one)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,9 @@ def submit(
         "benchmark made (DIR/entries/NAME).",
     ),
     title: str = option("", "What the board calls it.", metavar="TEXT", shown="the name"),
+    description: str = option(
+        "", "What the adversary does, in a sentence.", metavar="TEXT", shown=False
+    ),
     paper: str = option("", "The address of a paper.", metavar="URL", shown=False),
     repository: str = option("", "The address of the code.", metavar="URL", shown=False),
     command: str = option(
@@ -86,6 +90,8 @@ def submit(
             authors=authors,
             licence=licence,
             title=title,
+            description=description,
+            date=time.strftime("%Y-%m-%d", time.gmtime()),
             paper=paper,
             repository=repository,
             command=command,

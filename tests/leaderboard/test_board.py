@@ -1,19 +1,23 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import pytest
 from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
 
 from leaderboard.board import make_board
-from leaderboard.entry_page import entry_page, is_web
+from leaderboard.entry_page import describe, entry_page, is_web, made_by
 from leaderboard.pictures import Pictures
+from sada_gym.board.benchmark.plan import AUTHORS
 from sada_gym.board.benchmark.results import results_of
 from sada_gym.board.benchmark.suite import tables_of
 from sada_gym.board.results.entry import read_entries
 from sada_gym.board.results.front import HEIGHT, WIDTH, make_chart
 from sada_gym.board.results.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.foundations.cards import find_card
+
+RATES = {"random": 0.24, "strong": 0.9}
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +86,32 @@ def test_grey_rows_have_no_rank(board):
             for line in ranking.whole.lines:
                 rank = line.cells.get("rank", Cell())
                 assert (rank.value is not None) == (line.kind == "ranked")
+
+
+def test_what_did_not_run_everywhere_stands_apart_and_last(tmp_path):
+    made = (Made("best-of-one", 0.96, tracks=DIGITS[:1]), Made("everywhere", 0.6))
+    board = make_board(read_entries(make_entries(tmp_path / "entries", made)), CARDS)
+    ranking = rankings(board, "digits")["verified"]
+    assert column(ranking.whole, "rank") == {"everywhere": "1"}
+    assert column(ranking.partial, "rank") == {"best-of-one": ""}
+    names = [line.cells["entry"].text for line in ranking.by_track.lines]
+    assert names[:2] == ["everywhere", "best-of-one"]
+
+
+def test_nothing_stands_apart_where_all_ran_everywhere(board):
+    assert rankings(board, "digits")["verified"].partial is None
+
+
+def test_without_a_reference_set_uniform_worlds_have_the_rate_of_the_entry_that_draws_them(
+    tmp_path,
+):
+    robot = ("SADA-Robot-Warehouse-v0",)
+    made = tuple(Made(name, rate, "", robot, "ppo-randomised") for name, rate in RATES.items())
+    cards = [find_card("SADA-Robot")]
+    board = make_board(read_entries(make_entries(tmp_path / "entries", made)), cards)
+    lines = {line.cells["agent"].text: line.cells for line in board.strongest.lines}
+    assert lines["ppo-randomised"]["uniform_rate"].text == "23.0"  # of 24 % and 22 %
+    assert lines["ppo"]["uniform_rate"].text == "47.0"  # its reference set's
 
 
 def test_the_papers_numbers_stand_beside_ours(board):
@@ -182,6 +212,23 @@ def test_an_entry_says_its_flags_in_words_once(board, entries, tmp_path):
     assert newcomer.links == {}
     (section,) = strong.sections
     assert section.sheet.lines[0].cells["seeds"].text == "90.0, 88.0"
+
+
+@pytest.mark.parametrize(
+    ("metadata", "by", "description"),
+    [
+        ({"authors": AUTHORS}, "the developers' baseline", "Samples mu uniformly"),
+        ({"authors": AUTHORS, "description": "It."}, "the developers' baseline", "It."),
+        ({"authors": ("Ada", "Grace")}, "Ada, Grace", ""),
+    ],
+)
+def test_an_entry_says_whose_it_is_and_what_it_does(tmp_path, metadata, by, description):
+    made = (Made("one", 0.5, adversary="random"),)
+    (entry,) = read_entries(make_entries(tmp_path / "entries", made))
+    entry = replace(entry, metadata=entry.metadata.model_copy(update=metadata))
+    assert made_by(entry) == by
+    assert describe(entry).startswith(description)
+    assert bool(describe(entry)) is bool(description)
 
 
 @pytest.mark.parametrize("url", ["javascript:alert(1)", "data:text/html,x", "//a.b", "", "ftp://a"])

@@ -55,6 +55,8 @@ class EntryMetadata(Strict):
         title: What the board calls it; empty takes the name.
         licence: The licence of its data, as SPDX names it.
         command: How the results are made; empty takes the command of the first run.
+        description: What the adversary does, in a sentence.
+        date: When it was submitted, as 2026-11-28.
     """
 
     format: int = Field(default=FORMAT, ge=FORMAT, le=FORMAT)
@@ -65,6 +67,8 @@ class EntryMetadata(Strict):
     paper: ShortLine = ""
     repository: ShortLine = ""
     command: Annotated[OneLine, Field(max_length=1_000)] = ""
+    description: Annotated[OneLine, Field(max_length=300)] = ""
+    date: Annotated[str, Field(pattern=r"^(\d{4}-\d\d-\d\d)?$")] = ""
 
 
 class SeedResult(Strict):
