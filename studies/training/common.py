@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -15,6 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from torch import nn
 
 from sada_gym.foundations.determinism import generators_kept
 from sada_gym.foundations.sb3_vec_env import SB3VecEnv
@@ -215,6 +216,24 @@ class Report(BaseCallback):
             f"{time.process_time() - self._started:.0f} s",
             flush=True,
         )
+
+
+class ValueFirst(Report):
+    """Keeps the policy as it is until values are known, and prints how episodes ended.
+
+    Args:
+        success: A word for those that succeeded.
+        kept: The policy's parameters.
+        value_steps: How long they are kept.
+    """
+
+    def __init__(self, success: str, kept: Sequence[nn.Parameter], value_steps: int) -> None:
+        super().__init__(success)
+        self._kept, self._value_steps = kept, value_steps
+
+    def _on_rollout_start(self) -> None:
+        for parameter in self._kept:
+            parameter.requires_grad_(self.num_timesteps >= self._value_steps)
 
 
 @dataclass(frozen=True)

@@ -7,24 +7,42 @@ name and SHA-256 stand in `sada_gym/envs/metadrive/card.py`.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import torch
 from stable_baselines3 import PPO
 
 from sada_gym.envs.metadrive.agent.network import new_model, save
 from sada_gym.envs.metadrive.start import DriveDistribution
 from sada_gym.envs.metadrive.task import DriveTaskVectorEnv
 from sada_gym.foundations.determinism import one_thread
-from studies.training.common import Recipe, Reinforcement, Report, Script, learn, new_learner
+from studies.training.common import Recipe, Reinforcement, Script, ValueFirst, learn, new_learner
 from studies.training.metadrive.evaluate import measure, table
-from studies.training.metadrive.recipe import RECIPES
+from studies.training.metadrive.imitation import imitate
+from studies.training.metadrive.recipe import IMITATION, RECIPES
+
+_LOG_NOISE = -1.6
+"""The logarithm of the noise on actions with which PPO goes on: 0.2, for the policy can drive."""
 
 
 def train(recipe: Recipe[DriveDistribution], *, seed: int) -> PPO:
-    """Train a driver by PPO, in one thread: more would give other last bits."""
+    """Train a driver: it imitates, then learns by PPO; in one thread, more give other last bits."""
     assert isinstance(recipe, Reinforcement)
     tasks = DriveTaskVectorEnv(recipe.distribution, num_envs=recipe.lockstep)
     with one_thread():
         model = new_learner(new_model, tasks, recipe, seed=seed)
-        return learn(model, recipe, seed=seed, report=Report("arrived"))
+        imitation = replace(IMITATION, steps=min(IMITATION.steps, recipe.steps))
+        imitate(model, imitation, seed=seed)
+        policy: Any = model.policy
+        torch.nn.init.constant_(policy.log_std, _LOG_NOISE)
+        driver = [
+            *policy.mlp_extractor.policy_net.parameters(),
+            *policy.action_net.parameters(),
+            policy.log_std,
+        ]
+        report = ValueFirst("arrived", driver, recipe.value_steps)
+        return learn(model, recipe, seed=seed, report=report)
 
 
 SCRIPT = Script(
@@ -37,7 +55,8 @@ SCRIPT = Script(
     measure=lambda driver, seed: table(measure(driver, seed=seed)),
     describe=lambda _: (
         """A driver that sees what MetaDrive's own expert sees
-(`sada_gym/envs/metadrive/agent/network.py`), trained by Stable-Baselines3's PPO on
+(`sada_gym/envs/metadrive/agent/network.py`). It imitates that expert by DAgger
+(`studies/training/metadrive/recipe.py`), and is then trained by Stable-Baselines3's PPO on
 SADA-DrivingMetaDriveTask-v0 and MetaDrive's own reward, in 5,000 scenes. The benchmark draws other
 scenes."""
     ),
