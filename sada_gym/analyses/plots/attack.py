@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.analyses.plots.curves import curves, curves_of
 from sada_gym.analyses.plots.failure_sheet import png_of
 from sada_gym.analyses.plots.failures import NotDrawnError, draw_failures
 from sada_gym.analyses.plots.influence import influence
@@ -64,7 +65,8 @@ def draw_attack(
     The sheet of failures, with the headline on top, is left out where the application draws no
     frames, where its drawing fails, or where no sample fooled the agent; the curves of P(failure)
     where there are too few worlds; the map of queries (Omega) and samples is drawn in two
-    dimensions only, and the sphere where parameters are directions around an object.
+    dimensions only, curves over the episode where parameters are their knots, and the sphere where
+    parameters are directions around an object.
     `on_progress` is called after each frame with the numbers of frames drawn and of all frames, and
     `on_frame` with the sample's row and the frame.
     """
@@ -79,6 +81,8 @@ def draw_attack(
         figures["influence.png"] = influence(space, model, samples, threshold)
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
+    if curves_of(space):
+        figures["curves.png"] = curves(space, worlds, threshold)
     if spheres_of(space):
         figures["sphere.png"] = sphere(space, samples, threshold)
     for name, figure in figures.items():

@@ -36,6 +36,7 @@ _EACH = 3  # pictures of a weakness
 _MOST_VALUES, _MOST_TOLD = 8, 110
 _PLOTS = {
     "sphere.png": "The samples around the object, seen from above",
+    "curves.png": "Over the episode: the band of the worlds that fail, and of those that pass",
     "influence.png": "The chance of failing along each parameter, and a map of the two that matter "
     "most with the samples on it",
 }

@@ -315,8 +315,13 @@ class GymnasiumApplication(EpisodePictures):
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
                 f"{parameters!r}."
             )
-        bindings = {key: as_binding(key, given, factory) for key, given in parameters.items()}
-        self.parameters = ParameterSpace(*(b.parameter(key) for key, b in bindings.items()))
+        limit = factory.step_limit(env)
+        bindings = {
+            key: as_binding(key, given, factory).within(key, limit)
+            for key, given in parameters.items()
+        }
+        spaces = (binding.parameters(key) for key, binding in bindings.items())
+        self.parameters = ParameterSpace(*chain.from_iterable(spaces))
         for key, binding in bindings.items():
             binding.check(key, factory, env)
         check_distinct(bindings)
@@ -327,9 +332,11 @@ class GymnasiumApplication(EpisodePictures):
                 Notice,
                 stacklevel=3,
             )
-        places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
+        places = [place for key, b in bindings.items() for place in b.places(key, factory, env)]
         known = [place for place in places if place is not None]
-        densities = {key: b.density for key, b in bindings.items() if b.density is not None}
+        densities = {
+            name: one for key, b in bindings.items() for name, one in b.densities(key).items()
+        }
         self.density = WorldDensity(self.parameters, densities) if densities else None
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return bindings

@@ -6,11 +6,12 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, KeysView, Mapping, Sequence, ValuesView
 from copy import deepcopy
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, get_args
 
 import gymnasium as gym
 import numpy as np
+from typing_extensions import Self
 
 from sada_gym.densities import Density
 from sada_gym.envs.checks import is_number
@@ -20,12 +21,15 @@ from sada_gym.envs.wrapped.paths import (
     no_such_path,
     read,
     scale,
+    scaled,
     write,
 )
+from sada_gym.envs.wrapped.profiles import MOST_KNOTS, Curve, Profile
 from sada_gym.errors import (
     InvalidWorld,
     UserError,
     UserTypeError,
+    check_integer,
     check_known,
     explained,
     plain,
@@ -65,8 +69,15 @@ class ParameterBinding(ABC):
         directions: What lies at 0, 90, 180 and 270 degrees of an angle, for sentences.
         nominal: The value in ordinary use, or its density as `sada_gym.densities.Density` takes
             it; None takes the environment's own value.
+        knots: Makes the value a curve over the episode through so many parameters, which are named
+            `wind[0]`, `wind[1]` and so on. None keeps it the same.
+        curve: How it goes between the knots: see `Profile`.
+        over: The steps of the environment over which the knots lie; None takes the limit of an
+            episode, or all steps of a force that acts for some steps.
     """
 
+    varies: ClassVar[bool] = False
+    """Whether the value may change during an episode."""
     low: float | None = None
     high: float | None = None
     unit: str = field(default="", kw_only=True)
@@ -76,11 +87,84 @@ class ParameterBinding(ABC):
     angle: bool = field(default=False, kw_only=True)
     directions: tuple[str, ...] = field(default=(), kw_only=True)
     nominal: float | str | bool | Mapping[str, Any] | None = field(default=None, kw_only=True)
+    knots: int | None = field(default=None, kw_only=True)
+    curve: Curve = field(default="linear", kw_only=True)
+    over: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Take choices in any collection that has an order."""
         if self.choices is not None and not isinstance(self.choices, str | tuple):
             object.__setattr__(self, "choices", _in_order(self.choices))
+
+    def within(self, name: str, limit: int | None) -> Self:
+        """Return the binding in episodes of at most so many steps; None where nobody knows it.
+
+        Raises:
+            UserError: If it has knots that are bad, or no place on the way of an episode.
+        """
+        if self.knots is None:
+            if self.over is not None or self.curve != "linear":
+                raise UserError(
+                    f"Expected knots with curve= or over= of {name!r}, got none. Write knots=5."
+                )
+            return self
+        check_integer(f"knots of {name!r}", self.knots, 2, MOST_KNOTS)
+        check_known(f"curve of {name!r}", [self.curve], get_args(Curve))
+        if not self.varies:
+            raise UserError(
+                f"Expected knots for what may change during an episode, got {name!r}, a "
+                f"{type(self).__name__}, which is set before it. Use an Attribute or a Function."
+            )
+        if self.angle or self.directions or (self.choices and self.curve != "steps"):
+            raise UserError(
+                f"Expected numbers on a line as {name!r} with knots, or choices with "
+                "curve='steps', because nothing lies between others. Leave knots out."
+            )
+        if self.over is None and limit is None:
+            raise UserError(
+                f"Expected over= of {name!r}, the steps that its {self.knots} knots lie over, "
+                "because no limit of steps is known. Write over=500."
+            )
+        if self.over is not None:
+            check_integer(f"over of {name!r}", self.over, self.knots)
+        return self if self.over is not None else replace(self, over=limit)
+
+    @property
+    def count(self) -> int:
+        """How many parameters it has."""
+        return self.knots or 1
+
+    def parameters(self, name: str) -> tuple[Parameter, ...]:
+        """Return its parameters: that of its name, or one for each knot."""
+        one = self.parameter(name)
+        names = [*self.named(name, range(self.count))]
+        return (one,) if self.knots is None else tuple(replace(one, name=knot) for knot in names)
+
+    def named(self, name: str, values: Any) -> dict[str, Any]:
+        """Return what its parameters set, by their names, from what it sets."""
+        if self.knots is None:
+            return {name: values}
+        each = values.values if isinstance(values, Profile) else values
+        return {f"{name}[{i}]": value for i, value in enumerate(each)}
+
+    def world_value(self, numbers: Sequence[float]) -> Any:
+        """Return what an episode gets for the physical values of its parameters."""
+        if self.knots is None:
+            return self.value(numbers[0])
+        assert self.over is not None
+        values = tuple(map(self.value, numbers))
+        return Profile(values, self.over, self.curve, self.integer)
+
+    def places(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> list[float | None]:
+        """Return the physical values of its parameters in ordinary use, see `nominal_place`."""
+        return [self.nominal_place(name, factory, env)] * self.count
+
+    def densities(self, name: str) -> dict[str, Density]:
+        """Return the densities of its parameters, by their names."""
+        density = self.density
+        return (
+            {} if density is None else dict.fromkeys(self.named(name, range(self.count)), density)
+        )
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
@@ -255,6 +339,13 @@ class ParameterBinding(ABC):
     def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:  # noqa: B027
         """Set the value in `env`, the unwrapped one; called before and right after its reset."""
 
+    def set_during(self, name: str, value: Any, env: Any, first: dict[str, Any]) -> None:  # noqa: ARG002
+        """Set a value that changes, after the reset and before each step.
+
+        `first` keeps what an episode of this environment began with.
+        """
+        self.set_value(name, value, env, after_reset=True)
+
 
 @dataclass(frozen=True)
 class _Named(ParameterBinding):
@@ -355,6 +446,7 @@ class Attribute(ParameterBinding):
             there by its reset: a number, or each one of an array.
     """
 
+    varies: ClassVar[bool] = True
     paths: str | tuple[str, ...] | None = None
     factor: bool = False
 
@@ -422,15 +514,29 @@ class Attribute(ParameterBinding):
     def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Set the attributes that exist, and after the reset those that it made or changed."""
         for path in self.targets(name):
+            if self.factor and self.knots is not None:
+                continue  # `set_during` multiplies what the reset put there
             if self.factor:
                 scale(env, path, value, after_reset=after_reset)
             else:
                 write(env, path, value, must_exist=after_reset)
 
+    def set_during(self, name: str, value: Any, env: Any, first: dict[str, Any]) -> None:
+        """Set the attributes, or multiply what the reset put there."""
+        if not self.factor:
+            return super().set_during(name, value, env, first)
+        for path in self.targets(name):
+            if path not in first:
+                first[path] = deepcopy(read(env, path))
+            write(env, path, scaled(first[path], value), must_exist=True)
+        return None
+
 
 @dataclass(frozen=True)
 class Function(ParameterBinding):
     """A function of your own, `set(env.unwrapped, value)`, called once in each episode.
+
+    With `knots` it is called after the reset and before each step.
 
     An evaluation store keeps its scores only with an `agent_id`; change that whenever you change
     the function.
@@ -440,6 +546,7 @@ class Function(ParameterBinding):
         after_reset: Whether it is called after `reset` or before it.
     """
 
+    varies: ClassVar[bool] = True
     set: Callable[[Any, Any], None] | None = None
     after_reset: bool = True
 
@@ -458,6 +565,11 @@ class Function(ParameterBinding):
             raise UserTypeError(
                 f"Expected a function set(env, value) for {name!r}, got {self.set!r}. Write "
                 "Function(1.0, 2.0, set=set_mass)."
+            )
+        if self.knots is not None and not self.after_reset:
+            raise UserError(
+                f"Expected after_reset=True of {name!r} with knots, which sets values during the "
+                "episode, got False. Leave it out."
             )
 
     def set_value(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:

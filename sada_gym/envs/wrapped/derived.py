@@ -61,7 +61,7 @@ class Formula(Expression):
 
     @cached_property
     def _tree(self) -> ast.expr:
-        return paths_as_names(super()._tree)
+        return paths_as_names(self._parsed)
 
     @cached_property
     def reads(self) -> tuple[str, ...]:

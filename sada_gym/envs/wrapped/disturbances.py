@@ -19,6 +19,7 @@ from gymnasium import spaces
 
 from sada_gym.envs.wrapped.bindings import ParameterBinding
 from sada_gym.envs.wrapped.factory import EnvFactory
+from sada_gym.envs.wrapped.profiles import Profile
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.parameters import Parameter
 
@@ -37,7 +38,28 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: Env, value: Any, rng: Generator) -> None:
         super().__init__(env)
-        self.value, self.rng = value, rng
+        self._given, self.rng = value, rng
+
+    @property
+    def value(self) -> Any:
+        """How much it disturbs at this step."""
+        given = self._given
+        return given(self.time) if isinstance(given, Profile) else given
+
+    @property
+    def time(self) -> int:
+        """The steps of the environment so far."""
+        return len(self._rewards)
+
+    @cached_property
+    def _rewards(self) -> list[float]:
+        rewards: list[float] = self.get_wrapper_attr("rewards")
+        return rewards
+
+    @property
+    def most(self) -> Any:
+        """The greatest value of the episode."""
+        return max(self._given.values) if isinstance(self._given, Profile) else self._given
 
 
 class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
@@ -51,6 +73,7 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     ) -> None:
         super().__init__(env, value, rng)
         self._boxes, self._entries = boxes, None if entries is None else [*entries]
+        self._noise: tuple[float, PixelNoise] | None = None
         self._pictures = {key for key, box in boxes.items() if entries is None and _is_picture(box)}
 
     def observation(self, observation: Any) -> Any:
@@ -59,17 +82,19 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
         noisy = {key: self._noisy(observation[key], key) for key in self._boxes}
         return {**observation, **noisy}
 
-    @cached_property
-    def _pixel_noise(self) -> PixelNoise:
+    def _pixel_noise(self, deviation: float) -> PixelNoise:
         from sada_gym.envs.wrapped.pixel_noise import PixelNoise  # numba
 
-        return PixelNoise(self.value, self.rng)
+        if self._noise is None or self._noise[0] != deviation:
+            self._noise = (deviation, PixelNoise(deviation, self.rng))
+        return self._noise[1]
 
     def _noisy(self, number: Any, key: str | None) -> Any:
-        if not self.value:
+        deviation = self.value
+        if not deviation:
             return number
         if key in self._pictures:
-            return self._pixel_noise(np.asarray(number, np.uint8))
+            return self._pixel_noise(deviation)(np.asarray(number, np.uint8))
         box = self._boxes[key]
         noise = self.rng.standard_normal(np.shape(number))
         if self._entries is not None:
@@ -77,7 +102,7 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
             noise = np.zeros_like(noise)
             noise.reshape(-1)[self._entries] = chosen
         clean = np.asarray(number, np.float64)
-        noisy = clean + self.value * noise
+        noisy = clean + deviation * noise
         if box.dtype.kind in "iu":
             noisy = np.rint(noisy)
         # an environment may leave its own bounds: only noise does not
@@ -92,12 +117,12 @@ def _is_picture(box: spaces.Box[Any]) -> bool:
 
 class _LateObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        self._queue: deque[Any] = deque(maxlen=self.value + 1)
+        self._queue: deque[Any] = deque(maxlen=self.most + 1)
         return super().reset(**kwargs)
 
     def observation(self, observation: Any) -> Any:
         self._queue.append(observation)
-        return self._queue[0]
+        return self._queue[max(-1 - self.value, -len(self._queue))]
 
 
 class _LostObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
@@ -115,13 +140,13 @@ class _LostObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
 class _LateActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         space = self.action_space
-        zeros = [np.zeros(space.shape)] * self.value if isinstance(space, spaces.Box) else []
-        self._queue: deque[Any] = deque(zeros, maxlen=self.value + 1)
+        zeros = [np.zeros(space.shape)] * self.most if isinstance(space, spaces.Box) else []
+        self._queue: deque[Any] = deque(zeros, maxlen=self.most + 1)
         return super().reset(**kwargs)
 
     def action(self, action: Any) -> Any:
         self._queue.append(action)
-        return self._queue[0]
+        return self._queue[max(-1 - self.value, -len(self._queue))]
 
 
 class _ScaledActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
@@ -161,6 +186,7 @@ class _RepeatedSteps(EpisodeWrapper):
 class Disturbance(ParameterBinding):
     """A disturbance of what the agent sees or does: it wraps the environment for one episode."""
 
+    varies: ClassVar[bool] = True
     wrapper: ClassVar[type[EpisodeWrapper]]
     layer: ClassVar[int]
     """Where its wrapper stands among those of an episode, from the inside out."""

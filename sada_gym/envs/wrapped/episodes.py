@@ -26,6 +26,7 @@ from sada_gym.envs.wrapped.derived import Derived, update_mujoco
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.kept import KeptEnvironments
+from sada_gym.envs.wrapped.profiles import Profile, now
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import (
@@ -379,8 +380,15 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._observations: list[Any] = []
         self._actions: list[Any] = []
         self._infos: list[Mapping[str, Any]] = []
+        self._changing = {
+            name: binding
+            for name, binding in spec.bindings.items()
+            if isinstance(start.values[name], Profile) and not isinstance(binding, Disturbance)
+        }
+        self._first: dict[str, Any] = {}
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        self.rewards.clear()
         self._apply_bindings(after_reset=False)
         try:
             observation, info = self.env.reset(**kwargs)
@@ -394,6 +402,9 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         action = clip_action(action, self.action_space)
+        if self._changing and self.rewards:  # the first values are there since the reset
+            self._change()
+            self._derive(self._changing, after_reset=True)
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
         except (UserError, WorkerError):
@@ -414,11 +425,25 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def _apply_bindings(self, *, after_reset: bool) -> None:
         for name, binding in self._spec.bindings.items():
-            value = self._start.value(name)
-            binding.set_value(name, value, self.unwrapped, after_reset=after_reset)
-        derived = self._spec.derived
-        derived.apply(self.unwrapped, self._start.values, after_reset=after_reset)
-        targets = [t for name, b in self._spec.bindings.items() for t in b.targets(name)]
+            if not (after_reset and name in self._changing):
+                value = now(self._start.value(name), 0)
+                binding.set_value(name, value, self.unwrapped, after_reset=after_reset)
+        if after_reset and self._changing:
+            self._first = {}
+            self._change()
+        self._derive(self._spec.bindings, after_reset=after_reset)
+
+    def _change(self) -> None:
+        """Set the values of this step that change during the episode."""
+        for name, binding in self._changing.items():
+            value = self._start.values[name](len(self.rewards))
+            binding.set_during(name, value, self.unwrapped, self._first)
+
+    def _derive(self, bindings: Mapping[str, ParameterBinding], *, after_reset: bool) -> None:
+        derived, step = self._spec.derived, len(self.rewards)
+        values = {name: now(value, step) for name, value in self._start.values.items()}
+        derived.apply(self.unwrapped, values, after_reset=after_reset)
+        targets = [t for name, binding in bindings.items() for t in binding.targets(name)]
         if any(str(t).startswith("model.") for t in (*targets, *derived.formulas)):
             update_mujoco(self.unwrapped)
 

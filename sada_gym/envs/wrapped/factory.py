@@ -113,6 +113,11 @@ class EnvFactory:
         """Whether the constructor takes `render_mode`."""
         return "render_mode" in self.parameters or self.takes_any_keyword
 
+    def step_limit(self, env: gym.Env[Any, Any]) -> int | None:
+        """Return the most steps that episodes of its environments have; None if it is unknown."""
+        limits = [layer._max_episode_steps for layer in layers(env) if isinstance(layer, TimeLimit)]
+        return min(limits, default=None)
+
     def make(
         self, keywords: Mapping[str, Any], render_mode: str | None = None
     ) -> gym.Env[Any, Any]:

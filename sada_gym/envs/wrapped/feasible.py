@@ -106,6 +106,11 @@ class Expression:
 
     @cached_property
     def _tree(self) -> ast.expr:
+        named: ast.expr = _Knots().visit(self._parsed)
+        return named
+
+    @property
+    def _parsed(self) -> ast.expr:
         try:
             if len(self.text) > _LONGEST:
                 raise ValueError(f"more than {_LONGEST:,} characters")
@@ -124,6 +129,14 @@ class Expression:
     def value(self, named: Mapping[str, Any]) -> Any:
         """Compute it from the values of its names."""
         return _value(self._tree, {name: _plain(value) for name, value in named.items()})
+
+
+class _Knots(ast.NodeTransformer):
+    """Takes the parameters of a curve, such as `wind[0]`, as names."""
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        of_name = isinstance(node.value, ast.Name) and isinstance(node.slice, ast.Constant)
+        return ast.Name(spelling(ast.unparse(node)), ast.Load()) if of_name else node
 
 
 def _value(part: ast.expr, named: Mapping[str, Any]) -> Any:

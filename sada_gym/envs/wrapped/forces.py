@@ -49,21 +49,25 @@ class _Forced(EpisodeWrapper):
     ) -> None:
         super().__init__(env, force, rng)
         self._find, (self._start, self._steps) = find, when
+        self._first = 0
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         first, last = self._start if isinstance(self._start, tuple) else (self._start, self._start)
         self._first = int(self.rng.integers(first, last + 1))
-        self._time = 0
         answer = super().reset(**kwargs)
         self._act = self._find(self.unwrapped)
         return answer
 
+    @property
+    def time(self) -> int:
+        """The steps since it began to act."""
+        return super().time - self._first
+
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        acts = self._first <= self._time < self._first + self._steps and np.any(self.value)
-        self._time += 1
-        if not acts:
+        strength = self.value if 0 <= self.time < self._steps else 0.0
+        if not np.any(strength):
             return self.env.step(action)
-        undo = self._act(self.value)
+        undo = self._act(strength)
         try:
             return self.env.step(action)
         finally:
@@ -112,6 +116,10 @@ class _BodyForce(Disturbance):
             raise UserError(
                 f"Expected direction of {name!r} to be {count} numbers, not all 0, got {given!r}."
             )
+
+    def within(self, name: str, limit: int | None) -> Self:
+        """Let a curve go over the steps in which the force acts."""
+        return super().within(name, limit if self._when == _ALWAYS else int(self._when[1]))
 
     def wrap(self, env: Env, value: Any, rng: Generator) -> Env:
         """Let the force act."""
@@ -209,6 +217,10 @@ class Force(Disturbance):
 
         when = _ALWAYS if self.start is None else _when(self.start, self.steps)
         return _Forced(env, value, rng, find, when)
+
+    def within(self, name: str, limit: int | None) -> Self:
+        """Let a curve go over the steps in which the force acts."""
+        return super().within(name, limit if self.start is None else self.steps)
 
 
 def _when(start: int | tuple[int, int], steps: int) -> When:

@@ -145,6 +145,11 @@ def scale(env: Any, path: str, factor: float, *, after_reset: bool) -> None:
         _set(env, path, _scaled(current, factor, is_new))
 
 
+def scaled(value: Any, factor: float) -> Any:
+    """Return what a path named, multiplied by a factor."""
+    return _scaled(value, factor, _ALL)
+
+
 def restore(env: Any, first: Mapping[str, Any]) -> None:
     """Set again what paths named at first, and forget the factors that acted since."""
     for mark in (_BEFORE_RESET, _CHANGED):

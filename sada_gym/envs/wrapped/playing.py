@@ -19,7 +19,7 @@ from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng
 from sada_gym.envs.episodes.base import play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.wrapped.behaviour import behaviour, mean_values
-from sada_gym.envs.wrapped.bindings import Keyword
+from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (
     EpisodeSpec,
@@ -112,16 +112,24 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
     def _values(self, mu: Mu) -> list[dict[str, Any]]:
         """Return what the parameters set in the worlds of mu, (n, d)."""
         bindings = self.episode_spec.bindings.items()
-        return [
-            {
-                key: binding.value(number)
-                for (key, binding), number in zip(bindings, row, strict=True)
-            }
-            for row in self.parameters.physical(mu).tolist()
-        ]
+        worlds = []
+        for row in self.parameters.physical(mu).tolist():
+            left = iter(row)
+            worlds.append({key: b.world_value([*islice(left, b.count)]) for key, b in bindings})
+        return worlds
+
+    def _named(self, values: Mapping[str, Any]) -> dict[str, tuple[ParameterBinding, Any]]:
+        """Return what each parameter sets, by its name, with its binding."""
+        return {
+            name: (binding, value)
+            for key, binding in self.episode_spec.bindings.items()
+            for name, value in binding.named(key, values[key]).items()
+        }
 
     def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
-        return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
+        named = [self._named(values) for values in self._values(mu)]
+        permitted = [self._feasible({k: value for k, (_, value) in one.items()}) for one in named]
+        return np.array(permitted, np.bool_)
 
     def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.full(len(mu), INVALID_SCORE)
@@ -287,9 +295,9 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
 
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""
-        bindings = self.episode_spec.bindings.items()
-        chosen = {key: plain(str(values[key])) for key, binding in bindings if binding.choices}
-        whole = {key: values[key] for key, binding in bindings if binding.integer}
+        named = self._named(values).items()
+        chosen = {key: plain(str(value)) for key, (binding, value) in named if binding.choices}
+        whole = {key: value for key, (binding, value) in named if binding.integer}
         return {"values": chosen | whole} if chosen or whole else {}
 
     def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:
