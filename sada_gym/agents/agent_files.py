@@ -9,6 +9,7 @@ from typing import Any
 from gymnasium import spaces
 
 from sada_gym.errors import FileError, UserError
+from sada_gym.foundations.cards import fetchable
 from sada_gym.foundations.lazy import load
 
 ONNX = (".onnx",)
@@ -31,6 +32,11 @@ def find_agent_file(given: str | Path) -> Path:
         if os.path.isfile(file):
             return file
     raise FileError(f"Expected an SB3 zip as the agent, got {path}: no such file. Check its path.")
+
+
+def names_model(given: str) -> bool:
+    """Say whether a text names a model of images: a fetched one, or one of torchvision's."""
+    return given in fetchable() or given.startswith("torchvision:")
 
 
 def load_agent_file(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,9 @@ from sada_gym.agents.identity import identity
 from sada_gym.errors import UserError
 
 Indices = npt.NDArray[np.intp]
+Task = Literal["classify", "detect"]
+"""What a model does that looks at images."""
+
 EpisodesT = TypeVar("EpisodesT", contravariant=True)
 ActionsT = TypeVar("ActionsT", covariant=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from sada_gym.agents.remote.messages import (
     ANSWERS,
     Act,
     Actions,
+    Header,
     Hello,
     Welcome,
     array_name,
@@ -26,7 +28,49 @@ from sada_gym.foundations.files import shown
 from sada_gym.foundations.serve_environment import MAX_ARRAY_BYTES, PROTOCOL
 
 
-class RemoteAgent(Peer):
+class RemotePeer(Peer):
+    """An agent of any kind in a process of its own, which says at first who it is."""
+
+    role, lost, answers = "agent", AgentLost, ANSWERS
+    start_it = "Start the agent's server, sada_gym.serve(agent) or a program of your own"
+
+    def _first(self) -> Welcome:
+        """Connect, and return what the server says; raise `UserError` if nobody is there."""
+        try:
+            self._welcome = self._connect()
+        except AgentLost as error:
+            raise UserError(str(error)) from error
+        return self._welcome
+
+    def _again(self) -> None:
+        """Connect again where there is no connection; another agent there is lost."""
+        if self._link is None and self._connect() != self._welcome:
+            self._lose(f"another agent than at first, which was {self.name}")
+
+    @abstractmethod
+    def _connect(self) -> Welcome:
+        """Open a connection, say hello, and return what the server says of its agent."""
+
+    def _greeted(self, hello: Header, arrays: Batch) -> Welcome:
+        self._open()
+        return self._exchange(hello, arrays, Welcome)[0].model_copy(update={"number": 0})
+
+    @property
+    def name(self) -> str:
+        """What the server calls the agent, else what its place is called."""
+        return self._welcome.name or self.place.name
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over what the server says of the agent's identity, None where it says nothing."""
+        told = self._welcome.model_dump(include={"name", "fingerprint"})
+        told = {key: value for key, value in told.items() if value}
+        if not told:
+            return None
+        return hashlib.sha256(json.dumps({"remote": told}, sort_keys=True).encode()).hexdigest()
+
+
+class RemoteAgent(RemotePeer):
     """Sends the observations of episodes to an agent's process, and gets their actions.
 
     A server that says `rows` always gets so many observations in a message; missing ones are copies
@@ -43,8 +87,7 @@ class RemoteAgent(Peer):
         UserError: If nobody is there, or the server refuses, or observations cannot be sent.
     """
 
-    role, wanted, lost, answers = "agent", "actions", AgentLost, ANSWERS
-    start_it = "Start the agent's server, sada_gym.serve(agent) or a program of your own"
+    wanted = "actions"
 
     def __init__(
         self,
@@ -56,32 +99,14 @@ class RemoteAgent(Peer):
     ) -> None:
         super().__init__(place, timeout_s)
         self._interface, self._deterministic = interface, deterministic
-        self._count, self._first = 0, False
-        try:
-            self._welcome = self._connect()
-        except AgentLost as error:
-            raise UserError(str(error)) from error
-        self._rows = self._welcome.rows
+        self._count, self._starts = 0, False
+        self._rows = self._first().rows
         if self._rows > 1 and not self._same_in_every_place():
             self._rows = 1
 
-    @property
-    def name(self) -> str:
-        """What the server calls the agent, else what its place is called."""
-        return self._welcome.name or self.place.name
-
-    @property
-    def fingerprint(self) -> str | None:
-        """SHA-256 over what the server says of the agent's identity, None where it says nothing."""
-        told = self._welcome.model_dump(include={"name", "fingerprint"})
-        told = {key: value for key, value in told.items() if value}
-        if not told:
-            return None
-        return hashlib.sha256(json.dumps({"remote": told}, sort_keys=True).encode()).hexdigest()
-
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
-        self._count, self._first = count, True
+        self._count, self._starts = count, True
 
     def act(self, episodes: Any, which: Indices) -> Array:
         """Return the actions in some episodes, (n, ...).
@@ -94,7 +119,7 @@ class RemoteAgent(Peer):
             arrays["action_masks"] = episodes.action_masks(which)
         if not self._deterministic:
             arrays["seeds"] = episodes.agent_seeds(which)
-        if self._first:
+        if self._starts:
             starts = [episodes.agent_seed(i) for i in which.tolist()]
             arrays["episode_seeds"] = np.array(starts, np.uint32)
         return self._asked(arrays, which)
@@ -114,22 +139,19 @@ class RemoteAgent(Peer):
         return np.concatenate(answers)
 
     def _asked_at_once(self, arrays: Batch) -> Array:
-        if self._link is None:
-            if not self._first:
-                self._lose("a new connection in the middle of an episode")
-            if self._connect() != self._welcome:
-                self._lose(f"another agent than at first, which was {self.name}")
-        header = Act(number=0, start=self._first, count=self._count)
+        if self._link is None and not self._starts:
+            self._lose("a new connection in the middle of an episode")
+        self._again()
+        header = Act(number=0, start=self._starts, count=self._count)
         actions = self._exchange(header, arrays, Actions)[1].get("actions")
         shape = (len(arrays["episodes"]), *(self._interface.action_space.shape or ()))
         if actions is None or actions.shape != shape:
             got = "none" if actions is None else f"shape {actions.shape}"
             self._lose(f"the array actions: shape {shape} was expected, {got} came")
-        self._first = False
+        self._starts = False
         return actions
 
     def _connect(self) -> Welcome:
-        """Open a connection, say hello, and return what the server says of its agent."""
         interface, arrays = self._interface, dict[str, Array]()
         hello = Hello(
             number=0,
@@ -141,8 +163,7 @@ class RemoteAgent(Peer):
             action_masks=interface.has_masks,
             deterministic=self._deterministic,
         )
-        self._open()
-        return self._exchange(hello, arrays, Welcome)[0].model_copy(update={"number": 0})
+        return self._greeted(hello, arrays)
 
     def _same_in_every_place(self) -> bool:
         """Whether each of a message's observations keeps its action when they are reversed."""

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from sada_gym.agents.contract import Task
 from sada_gym.agents.remote.spaces import Array, Described, Name
 from sada_gym.agents.tile import ALONE
 from sada_gym.errors import UserError
@@ -44,6 +45,23 @@ class Hello(Header):
     deterministic: bool
 
 
+class HelloImages(Header):
+    """The first question to a classifier or a detector of images, see `ImageApplication`."""
+
+    type: Literal["images"] = "images"
+    protocol: Literal[2]
+    task: Task | None
+    input_size: Annotated[int, Field(ge=1)] | None
+    imagenet: bool
+    device: Name
+
+
+class Look(Header):
+    """A question for what is in an image, its array `image` (height, width, 3) uint8."""
+
+    type: Literal["look"] = "look"
+
+
 class Act(Header):
     """A question for actions; its arrays are observations and more."""
 
@@ -53,7 +71,7 @@ class Act(Header):
 
 
 class Welcome(Header):
-    """The answer to `Hello`."""
+    """The answer to `Hello` and `HelloImages`; `task` and `classes` are those of images."""
 
     type: Literal["hello"] = "hello"
     protocol: Literal[2]
@@ -61,10 +79,15 @@ class Welcome(Header):
     fingerprint: Name | None = None
     rows: Annotated[int, Field(ge=0, le=MAX_ROWS)] = 16
     action_masks: bool = False
+    task: Task | None = None
+    classes: Annotated[dict[Name, int], Field(max_length=MAX_ROWS)] | None = None
 
 
 class Actions(Header):
-    """The answer to `Act`; its array is `actions`."""
+    """The answer to `Act`, whose array is `actions`, and to `Look`.
+
+    A classifier's array is `scores` (K,), a detector's are `boxes` (N, 4), `labels` and `scores`.
+    """
 
     type: Literal["actions"] = "actions"
 
@@ -76,8 +99,8 @@ class Failed(Header):
     message: str
 
 
-QUESTIONS: TypeAdapter[Hello | Act] = TypeAdapter(
-    Annotated[Hello | Act, Field(discriminator="type")]
+QUESTIONS: TypeAdapter[Hello | Act | HelloImages | Look] = TypeAdapter(
+    Annotated[Hello | Act | HelloImages | Look, Field(discriminator="type")]
 )
 ANSWERS: TypeAdapter[Welcome | Actions | Failed] = TypeAdapter(
     Annotated[Welcome | Actions | Failed, Field(discriminator="type")]

@@ -10,6 +10,7 @@ import time
 from collections.abc import Mapping
 from contextlib import closing, suppress
 from copy import deepcopy
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,7 +18,7 @@ import gymnasium as gym
 import numpy as np
 from pydantic import ValidationError
 
-from sada_gym.agents.agent_files import find_agent_file, load_agent_file
+from sada_gym.agents.agent_files import find_agent_file, load_agent_file, names_model
 from sada_gym.agents.contract import Agent, Indices, Interface
 from sada_gym.agents.functions import agent_of
 from sada_gym.agents.remote.messages import (
@@ -28,6 +29,8 @@ from sada_gym.agents.remote.messages import (
     Channel,
     Failed,
     Hello,
+    HelloImages,
+    Look,
     Unexpected,
     Welcome,
     array_name,
@@ -75,7 +78,8 @@ def serve(
     alone, and the function returns when the attack ends. Several connections are served in turn.
 
     Args:
-        agent: What `agent=` of `GymnasiumApplication` takes, but for addresses and commands.
+        agent: What `agent=` of `GymnasiumApplication` takes, or of `ImageApplication`, but for
+            addresses and commands.
         host: The address to listen on. The default is reached from this machine alone; whoever
             reaches another one can use the agent.
         port: The port; 0 takes any that is free.
@@ -88,7 +92,9 @@ def serve(
         UserError: If the port cannot be listened on, there is no such file, or the name has more
             than 200 characters or one that cannot be printed.
     """
-    file = find_agent_file(agent) if isinstance(agent, str | Path) else None
+    file = None
+    if isinstance(agent, str | Path) and not names_model(str(agent)):
+        file = find_agent_file(agent)
     if vec_normalize:
         load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
         vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
@@ -144,7 +150,7 @@ class _Served:
 
     def answer(self, connection: socket.socket) -> None:
         """Answer the messages of one connection to its end."""
-        session: _Session | None = None
+        session: _Sessions = None
         with closing(Channel(connection, _PATIENCE_S)) as channel:
             until: float | None = channel.deadline()
             try:
@@ -158,19 +164,26 @@ class _Served:
                     _refuse(channel, error)
 
     def _reply(
-        self, session: _Session | None, header: Hello | Act, arrays: Mapping[str, Array]
-    ) -> tuple[_Session | None, Welcome | Actions | Failed, Mapping[str, Array]]:
+        self,
+        session: _Sessions,
+        header: Hello | HelloImages | Act | Look,
+        arrays: Mapping[str, Array],
+    ) -> tuple[_Sessions, Welcome | Actions | Failed, Mapping[str, Array]]:
         """Return the session after a question, the answer's header and its arrays."""
         number = header.number
         try:
             with self._turn:
                 if isinstance(header, Hello):
                     session, welcome = self._hello(header, arrays)
-                    return session, welcome.model_copy(update={"number": number}), {}
-                if session is None:
-                    raise UserError("Expected a hello first, got act. Send one.")
-                actions = session.act(header, arrays)
-                return session, Actions(number=number), {"actions": actions}
+                elif isinstance(header, HelloImages):
+                    session, welcome = self._images(header)
+                elif isinstance(header, Act) and isinstance(session, _Session):
+                    return session, Actions(number=number), session.act(header, arrays)
+                elif isinstance(header, Look) and isinstance(session, _ImageSession):
+                    return session, Actions(number=number), session.look(arrays)
+                else:
+                    raise UserError(f"Expected a hello first, got {header.type}. Send one.")
+                return session, welcome.model_copy(update={"number": number}), {}
         except (UserError, NotImplementedError) as error:
             told = str(error)
         except Exception as error:  # whatever an agent or its file may raise
@@ -214,6 +227,18 @@ class _Served:
         session = _Session(agent, interface, deterministic=header.deterministic)
         return session, self._welcome.model_copy(update=told)
 
+    def _images(self, header: HelloImages) -> tuple[_ImageSession, Welcome]:
+        """Load the model of images once for all connections that use it alike."""
+        used = header.model_dump(exclude={"number"})
+        if self._loaded[0] != used:
+            models = import_module("sada_gym.envs.images.models")  # a room above this one
+            preparation = models.Preparation(header.input_size, header.imagenet)
+            model = models.find_model(self._given, header.task, preparation, header.device)
+            self._loaded = used, model
+        model = self._loaded[1]
+        told = {"fingerprint": model.fingerprint, "task": model.task, "classes": model.names}
+        return _ImageSession(model), self._welcome.model_copy(update=told)
+
     def _load(self, file: Path, interface: Interface) -> Any:
         """Load the agent's file once for all connections from the same environment."""
         seen = (interface.observation_space, interface.action_space)
@@ -248,7 +273,7 @@ class _Session:
         if not deterministic:
             self._expected["seeds"] = np.uint32, ()
 
-    def act(self, header: Act, arrays: Mapping[str, Array]) -> Array:
+    def act(self, header: Act, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return the actions in some episodes, (n, ...); raise `UserError` for other arrays."""
         expected = self._expected
         if header.start or "episode_seeds" in arrays:
@@ -277,7 +302,7 @@ class _Session:
         if "episode_seeds" in arrays:
             self._seeds.update(zip(episodes, arrays["episode_seeds"].tolist(), strict=True))
         actions = self._agent.act(self, np.array(episodes, np.intp))
-        return _sendable(actions, len(episodes), self._interface)
+        return {"actions": _sendable(actions, len(episodes), self._interface)}
 
     def _rows_of(self, name: str, which: Indices) -> Array:
         return self._arrays[name][[self._rows[i] for i in which.tolist()]]
@@ -302,6 +327,29 @@ class _Session:
 
     def where(self, i: int) -> str:
         return f"a step of episode {i}"
+
+
+class _ImageSession:
+    """A classifier or a detector, as one connection asks it."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+
+    def look(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what the model tells of an image; raise `UserError` for what is none."""
+        image = arrays.get("image", _MISSING)
+        if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            raise UserError(
+                "Expected the array image of uint8 and shape (height, width, 3), got "
+                f"{image.dtype} and {image.shape}. Send it so."
+            )
+        found = self._model.found(image)
+        if self._model.task == "classify":
+            return {"scores": found.probabilities}
+        return {"boxes": found.boxes, "labels": found.classes, "scores": found.scores}
+
+
+_Sessions = _Session | _ImageSession | None
 
 
 def _refuse(channel: Channel, error: Exception) -> None:

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.detection.detector import CONVENTION, validate_answers
+from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Bools, Floats
+
+CONVENTIONS = {
+    "classify": "The classifier must take (1, 3, height, width) float32 and return (1, K) numbers, "
+    "one for each of K classes.",
+    "detect": CONVENTION,
+}
+"""What each kind of model must return."""
+
+FAINT = 0.01
+"""Answers of a detector with a lower score are as good as none."""
+
+_SUMS_TO_ONE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -25,6 +40,52 @@ class Found:
     scores: Floats
     boxes: Floats
     probabilities: Floats
+
+
+def classified(output: Any) -> Found:
+    """Return a classifier's answer of its output (1, K) or (K,), logits or probabilities.
+
+    Raises:
+        UserError: If it is of another shape, or not finite.
+    """
+    from torch import Tensor
+
+    values = np.asarray(output.detach().double().cpu() if isinstance(output, Tensor) else output)
+    numbers = values.reshape(-1).astype(np.float64) if values.dtype.kind in "iuf" else values
+    if values.ndim not in (1, 2) or (values.ndim == 2 and len(values) != 1) or numbers.size < 2:
+        raise UserError(
+            f"Expected (1, K) numbers from the classifier, K of at least 2, got {values.shape}. "
+            f"{CONVENTIONS['classify']}"
+        )
+    if values.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
+        raise UserError(
+            f"Expected finite numbers from the classifier, got NaN, infinity or {values.dtype}. "
+            f"{CONVENTIONS['classify']}"
+        )
+    shares = numbers
+    if (numbers < 0.0).any() or abs(numbers.sum() - 1.0) > _SUMS_TO_ONE:
+        shares = np.exp(numbers - numbers.max())
+        shares /= shares.sum()
+    best = int(shares.argmax())
+    return Found(np.array([best]), shares[[best]], np.zeros((0, 4)), shares)
+
+
+def detected(answers: Any) -> Found:
+    """Return a detector's answer of its list of one dictionary, as torchvision's detectors give it.
+
+    Raises:
+        UserError: If it breaks that convention, or a box ends before it begins.
+    """
+    (columns,) = validate_answers(answers, 1)
+    boxes, scores = (columns[key].astype(np.float64) for key in ("boxes", "scores"))
+    kept = scores >= FAINT
+    swapped = kept & (boxes[:, :2] > boxes[:, 2:]).any(axis=1)
+    if swapped.any():
+        raise UserError(
+            "Expected boxes x0 y0 x1 y1 with x0 <= x1 and y0 <= y1 from the detector, got "
+            f"{boxes[swapped][0].tolist()}. If it is x y width height, convert it."
+        )
+    return Found(columns["labels"].astype(np.int64)[kept], scores[kept], boxes[kept], np.zeros(0))
 
 
 def overlaps(boxes: Floats, others: Floats) -> Floats:

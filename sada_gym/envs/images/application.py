@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.agents.contract import identity_of
+from sada_gym.agents.contract import Task, identity_of
+from sada_gym.agents.remote.peer import Peer
 from sada_gym.application import Application, Scored, check_declared, validate_world
 from sada_gym.envs.checks import check_number
 from sada_gym.envs.images.answers import Found, matched, visible
@@ -24,7 +25,7 @@ from sada_gym.envs.images.conditions import (
     developed,
     find_conditions,
 )
-from sada_gym.envs.images.dataset import Objects, Task, image_set
+from sada_gym.envs.images.dataset import Objects, image_set
 from sada_gym.envs.images.geometry import moved_boxes
 from sada_gym.envs.images.models import Preparation, find_model
 from sada_gym.envs.images.optics import Values
@@ -77,7 +78,8 @@ class ImageApplication(Application):
     Args:
         images: A folder, a list of files, or arrays (height, width, 3) uint8.
         agent: A file of ONNX or TorchScript, `torchvision:NAME`, the name of a fetched agent, a
-            torch module, or a function with torchvision's convention.
+            torch module, or a function with torchvision's convention. An agent in a process of its
+            own is an address, "tcp://127.0.0.1:7788", or a command that starts it, a list of texts.
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
             classes, if all lie in such. Where there are none, what the model tells of the untouched
@@ -99,6 +101,8 @@ class ImageApplication(Application):
         input_size: The sides in px that a classifier gets; None leaves images as they are.
         imagenet: Whether a classifier takes ImageNet's mean and spread for zero and one.
         device: Where a torch module computes: `cpu` or `cuda`.
+        agent_timeout: How many seconds an agent in a process of its own may take for its start, and
+            for each answer.
         name: The application's name in reports.
         agent_id: Names the agent in evaluation stores; by default a hash of its weights.
         skip_unreadable: Leave out images that cannot be read, and say how many.
@@ -131,6 +135,7 @@ class ImageApplication(Application):
         input_size: int | None = None,
         imagenet: bool = False,
         device: str = "cpu",
+        agent_timeout: float = 300.0,
         name: str = "Images",
         agent_id: str | None = None,
         skip_unreadable: bool = False,
@@ -146,9 +151,11 @@ class ImageApplication(Application):
         check_plain("name", name)
         self.name, self.sample_size = name, sample_size  # type: ignore[misc]
         self.images = image_set(images, labels, classes=classes, skip_unreadable=skip_unreadable)
+        check_number("agent_timeout", agent_timeout, 1e-3, 1e6)
         preparation = Preparation(input_size, imagenet)
-        self.agent = find_model(agent, self.images.task or task, preparation, device)
-        self.agent_name = agent_id or name_of(agent)
+        known = self.images.task or task
+        self.agent = find_model(agent, known, preparation, device, timeout_s=agent_timeout)
+        self.agent_name = agent_id or getattr(self.agent, "name", None) or name_of(agent)
         self._agent_id = agent_id
         self.task: Task = self.agent.task
         self._check_task(score)
@@ -353,6 +360,11 @@ class ImageApplication(Application):
     @cached_property
     def _images_hash(self) -> str:
         return self.images.sha256
+
+    def close(self) -> None:
+        """End the process of an agent in a process of its own."""
+        if isinstance(self.agent, Peer):
+            self.agent.close()
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:

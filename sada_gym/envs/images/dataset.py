@@ -16,17 +16,16 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps
 
+from sada_gym.agents.contract import Task
 from sada_gym.errors import FileError, Notice, UserError, UserTypeError, described
 from sada_gym.foundations.arrays import Bytes, Floats
 from sada_gym.foundations.files import as_path, read_file
-
-Task = Literal["classify", "detect"]
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 """The endings of the files that count as images in a folder."""

@@ -18,12 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.agents.agent_files import ONNX, TORCHSCRIPT
+from sada_gym.agents.contract import Task
 from sada_gym.agents.exported import MAX_MODEL_BYTES, onnx_session, torchscript_module
 from sada_gym.agents.identity import check_finite_weights, fingerprint
+from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.checks import check_evaluation_mode
-from sada_gym.envs.detection.detector import validate_answers
-from sada_gym.envs.images.answers import Found
-from sada_gym.envs.images.dataset import Task
+from sada_gym.envs.images.answers import CONVENTIONS, FAINT, Found, classified, detected
+from sada_gym.envs.images.remote import RemoteModel
 from sada_gym.errors import UserError, UserTypeError, check_known, explained
 from sada_gym.foundations.arrays import Bytes, Floats
 from sada_gym.foundations.cards import fetchable
@@ -34,17 +35,9 @@ from sada_gym.foundations.lazy import load
 IMAGENET_MEAN, IMAGENET_SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """The colours that torchvision's and most other classifiers take for zero and one."""
 
-_CONVENTIONS = {
-    "classify": "The classifier must take (1, 3, height, width) float32 and return (1, K) numbers, "
-    "one for each of K classes.",
-    "detect": "The detector must return, as torchvision's do, one dictionary an image with boxes "
-    "(N, 4), labels (N,) and scores (N,) in [0, 1].",
-}
 _IMAGENET_SIZE = 224
 _OVERLAP = 0.7  # of two boxes that mean one object: what YOLO's own programs take
-_FAINT = 0.01  # answers below are as good as none
 _GREY = 114  # what YOLO's own programs fill an image up with
-_SUMS_TO_ONE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -115,12 +108,10 @@ class Model:
         import torch
 
         expected = f"Expected an answer of the model to an image of {image.shape}"
-        with one_thread(), torch.inference_mode(), explained(expected, _CONVENTIONS[self.task]):
+        with one_thread(), torch.inference_mode(), explained(expected, CONVENTIONS[self.task]):
             if self.task == "detect":
                 pixels = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
-                answers = self.network([(pixels.float() / 255.0).to(self.device)])
-                (columns,) = validate_answers(answers, 1)
-                return detected(columns["boxes"], columns["labels"], columns["scores"])
+                return detected(self.network([(pixels.float() / 255.0).to(self.device)]))
             given = torch.from_numpy(prepared(image, self._preparation)).to(self.device)
             return classified(self.network(given))
 
@@ -137,42 +128,6 @@ def prepared(image: Bytes, preparation: Preparation) -> npt.NDArray[np.float32]:
         mean, spread = (np.array(part, np.float32) for part in (IMAGENET_MEAN, IMAGENET_SPREAD))
         values = (values - mean[:, None, None]) / spread[:, None, None]
     return np.ascontiguousarray(values)
-
-
-def classified(output: Any) -> Found:
-    """Return a classifier's answer of its output (1, K) or (K,), logits or probabilities.
-
-    Raises:
-        UserError: If it is of another shape, or not finite.
-    """
-    from torch import Tensor
-
-    values = np.asarray(output.detach().double().cpu() if isinstance(output, Tensor) else output)
-    numbers = values.reshape(-1).astype(np.float64) if values.dtype.kind in "iuf" else values
-    if values.ndim not in (1, 2) or (values.ndim == 2 and len(values) != 1) or numbers.size < 2:
-        raise UserError(
-            f"Expected (1, K) numbers from the classifier, K of at least 2, got {values.shape}. "
-            f"{_CONVENTIONS['classify']}"
-        )
-    if values.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
-        raise UserError(
-            f"Expected finite numbers from the classifier, got NaN, infinity or {values.dtype}. "
-            f"{_CONVENTIONS['classify']}"
-        )
-    shares = numbers
-    if (numbers < 0.0).any() or abs(numbers.sum() - 1.0) > _SUMS_TO_ONE:
-        shares = np.exp(numbers - numbers.max())
-        shares /= shares.sum()
-    best = int(shares.argmax())
-    return Found(np.array([best]), shares[[best]], np.zeros((0, 4)), shares)
-
-
-def detected(boxes: Any, labels: Any, scores: Any) -> Found:
-    """Return a detector's answer of boxes (N, 4), labels (N,) and scores (N,)."""
-    corners = np.asarray(boxes, np.float64).reshape(-1, 4)
-    classes, sure = np.asarray(labels).astype(np.int64), np.asarray(scores, np.float64)
-    kept = sure >= _FAINT
-    return Found(classes[kept], sure[kept], corners[kept], np.zeros(0))
 
 
 class OnnxModel:
@@ -237,7 +192,7 @@ class OnnxModel:
         import cv2
 
         expected = f"Expected an answer of {self.path} to an image of {image.shape}"
-        with explained(expected, _CONVENTIONS[self.task]):
+        with explained(expected, CONVENTIONS[self.task]):
             if self.task == "classify":
                 size, mapped = self._preparation.size, image
                 if self._sides is not None:
@@ -252,7 +207,8 @@ class OnnxModel:
             corners = (boxes - np.tile(corner, 2)) / factor
             rows, columns = image.shape[:2]
             limits = np.array([columns, rows, columns, rows])
-            return detected(corners.clip(0.0, limits), labels, scores)
+            corners = corners.clip(0.0, limits)
+            return detected([{"boxes": corners, "labels": labels, "scores": scores}])
 
     def _outputs(self, values: npt.NDArray[np.float32]) -> list[Any]:
         given = values if self._first else values.transpose(0, 2, 3, 1)
@@ -298,11 +254,11 @@ def decoded(outputs: Sequence[Any]) -> tuple[Floats, npt.NDArray[np.int64], Floa
             objectness, shares = rows[:, [4]], rows[:, 5:]
         shares = (shares * objectness).clip(0.0, 1.0)
         labels, scores = shares.argmax(axis=1), shares.max(axis=1, initial=0.0)
-        likely = np.flatnonzero(scores >= _FAINT)
+        likely = np.flatnonzero(scores >= FAINT)
         corner = rows[likely, :2] - rows[likely, 2:4] / 2.0
         sized = np.concatenate([corner, rows[likely, 2:4]], axis=1)
         kept = cv2.dnn.NMSBoxesBatched(
-            sized.tolist(), scores[likely].tolist(), labels[likely].tolist(), _FAINT, _OVERLAP
+            sized.tolist(), scores[likely].tolist(), labels[likely].tolist(), FAINT, _OVERLAP
         )
         chosen = likely[np.asarray(kept, np.intp)] if len(kept) else likely[:0]
         half = rows[chosen, 2:4] / 2.0
@@ -323,21 +279,32 @@ def decoded(outputs: Sequence[Any]) -> tuple[Floats, npt.NDArray[np.int64], Floa
     )
 
 
-def find_model(agent: Any, task: Task | None, preparation: Preparation, device: str) -> Any:
+def find_model(
+    agent: Any,
+    task: Task | None,
+    preparation: Preparation,
+    device: str,
+    *,
+    timeout_s: float = 300.0,
+) -> Any:
     """Return the model that `agent=` means.
 
     Args:
         agent: The name of a fetched agent, `torchvision:NAME`, a file of ONNX or TorchScript, a
-            torch module or a function; or an object with `task`, `names`, `fingerprint` and
-            `found`, as it is.
+            torch module or a function; an address or a command of an agent's process; or an object
+            with `task`, `names`, `fingerprint` and `found`, as it is.
         task: What it does; None where the agent itself says it.
         preparation: What a classifier gets.
         device: Where it computes.
+        timeout_s: How long an agent in a process of its own may take for an answer.
 
     Raises:
         UserError: If there is no such agent, or nobody says what it does.
     """
     check_known("task", [] if task is None else [task], ["classify", "detect"])
+    if (place := place_of(agent)) is not None:
+        use = task, preparation.size, preparation.imagenet, device
+        return RemoteModel(place, *use, timeout_s=timeout_s)
     if isinstance(agent, str | Path):
         return _named(str(agent), task, preparation, device)
     if all(hasattr(agent, name) for name in ("task", "names", "found")):

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sada_gym.agents.agent_files import ONNX, TORCHSCRIPT
+from sada_gym.agents.agent_files import names_model
 from sada_gym.envs.images.application import ImageApplication
-from sada_gym.envs.wrapped.toml import argument_keys, check_types, imported
+from sada_gym.envs.wrapped import toml
 from sada_gym.errors import UserError, check_known
-from sada_gym.foundations.cards import fetchable
 
 
 def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageApplication:
@@ -26,17 +25,18 @@ def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageA
         UserError: If a key is unknown or missing, a value has the wrong type, or the application
             raises it.
     """
-    keys, _ = argument_keys(
+    texts = str | list[str]
+    keys, _ = toml.argument_keys(
         ImageApplication,
-        images=str | list[str],
-        agent=str,
+        images=texts,
+        agent=texts,
         labels=str | bool | list[int],
         conditions=str | list[str] | dict[str, Any],
     )
     check_known(f"key in {path}", table, [*keys])
     if agent is None and "agent" not in table:
         raise UserError(f"Expected the key 'agent' in {path}, got none. Add it to the file.")
-    check_types(table, keys, path)
+    toml.check_types(table, keys, path)
     arguments = dict(table)
     images = arguments.pop("images")
     listed = [_beside(path, each) for each in ([images] if isinstance(images, str) else images)]
@@ -47,13 +47,9 @@ def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageA
     return ImageApplication(listed[0] if isinstance(images, str) else listed, **arguments)
 
 
-def agent_of(text: str, path: Path) -> Any:
-    """Return the agent that a file names: a name, a file, or the imported `module:object`."""
-    if text in fetchable() or text.startswith("torchvision:"):
-        return text
-    if Path(text).suffix.lower() in (*ONNX, *TORCHSCRIPT) or ":" not in text:
-        return _beside(path, text)
-    return imported(text, path, "agent", "a model's file, a name or module:object")
+def agent_of(text: str | list[Any], path: Path) -> Any:
+    """Return the agent that a file names: a name, a file, a process, or the imported object."""
+    return text if isinstance(text, str) and names_model(text) else toml.agent_of(text, path)
 
 
 def _beside(path: Path, text: str) -> Path:
