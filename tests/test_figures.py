@@ -26,10 +26,12 @@ CARDS = sorted((ROOT / "sada_gym" / "envs").glob("*/agent/*.md"))
 MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
 DEFINED = {
     "agents.md": {"60"},  # what we had asked for
+    "appendix-diagnosis.md": {"5"},  # an option: the share of fresh worlds
     "command-line.md": {"50", "60", "75", "16", "90"},  # an example that its first command prints
     "diagnosis.md": {"5"},  # an option: the share of fresh worlds
     "level-set.md": {"98"},  # an option
     "measures.md": {"50"},  # by definition
+    "own-agent-broken-worlds.md": {"20"},  # when an attack ends
     "own-agent.md": {"5"},  # when a warning is given
     "regression.md": {"5"},  # the level of a test
     "robot.md": {"90"},  # a world's setting

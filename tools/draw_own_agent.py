@@ -1,4 +1,4 @@
-"""Draw docs/images/own-agent.png and measure the table of docs/own-agent.md.
+"""Draw docs/images/own-agent.png and measure the table of docs/appendix-own-agent.md.
 
     OMP_NUM_THREADS=1 python -m tools.draw_own_agent
 
