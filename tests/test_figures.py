@@ -25,7 +25,6 @@ PAGES = [
 CARDS = sorted((ROOT / "sada_gym" / "envs").glob("*/agent/*.md"))
 MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
 DEFINED = {
-    "agents.md": {"60"},  # what we had asked for
     "appendix-diagnosis.md": {"5"},  # an option: the share of fresh worlds
     "command-line.md": {"50", "60", "75", "16", "90"},  # an example that its first command prints
     "diagnosis.md": {"5"},  # an option: the share of fresh worlds

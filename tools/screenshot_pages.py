@@ -3,7 +3,8 @@
     python -m tools.screenshot_pages docs/_build/html FOLDER [page ...]
 
 It takes a picture of each page, or of those named (such as `environments/uav`), into FOLDER. It
-fails if a page is wider than the screen. It needs selenium, chromium and chromedriver.
+fails if a page is wider than the screen, if an image or a name in a table is broken, or if the
+console holds an error. It needs selenium, chromium and chromedriver.
 """
 
 from __future__ import annotations
@@ -28,6 +29,20 @@ return [...document.querySelectorAll("body *")]
     .map(one => one.tagName.toLowerCase() + ": " + one.textContent.trim().slice(0, 40))
 """
 
+BROKEN_IMAGES = """
+return [...document.images].filter(one => !one.complete || one.naturalWidth === 0)
+    .map(one => "broken image: " + one.getAttribute("src"))
+"""
+
+BROKEN_NAMES = """
+const height = one => one.getBoundingClientRect().height
+const line = one => parseFloat(getComputedStyle(one).lineHeight)
+const isName = text => /^[\\w.-]{2,40}$/.test(text)
+return [...document.querySelectorAll("td code .pre")]
+    .filter(one => isName(one.textContent) && height(one) > 1.6 * line(one))
+    .map(one => "broken name: " + one.textContent)
+"""
+
 
 def open_browser() -> webdriver.Chrome:
     """Start Chromium without a window."""
@@ -35,6 +50,7 @@ def open_browser() -> webdriver.Chrome:
     options.binary_location = shutil.which("chromium") or ""
     for switch in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "hide-scrollbars"):
         options.add_argument(f"--{switch}")
+    options.set_capability("goog:loggingPrefs", {"browser": "SEVERE"})
     service = webdriver.ChromeService(shutil.which("chromedriver"))
     return webdriver.Chrome(options=options, service=service)
 
@@ -42,7 +58,7 @@ def open_browser() -> webdriver.Chrome:
 def screenshot(
     browser: webdriver.Chrome, page: Path, width: int, theme: str
 ) -> tuple[bytes, list[str]]:
-    """Return a page's picture, as PNG, and what of it is wider than the screen."""
+    """Return a page's picture, as PNG, and its faults in words."""
     metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     feature = {"name": "prefers-color-scheme", "value": theme}
@@ -53,22 +69,25 @@ def screenshot(
     shot = browser.execute_cdp_cmd(
         "Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip}
     )
-    return b64decode(shot["data"]), browser.execute_script(TOO_WIDE)
+    scripts = (TOO_WIDE, BROKEN_IMAGES, BROKEN_NAMES)
+    faults = [fault for script in scripts for fault in browser.execute_script(script)]
+    faults += [entry["message"] for entry in browser.get_log("browser")]
+    return b64decode(shot["data"]), faults
 
 
 def main(root: Path, out: Path, names: list[str]) -> int:
-    """Look at all pages; 1 if one is too wide."""
+    """Look at all pages; 1 if one has a fault."""
     out.mkdir(parents=True, exist_ok=True)
     pages = [path.relative_to(root).with_suffix("") for path in sorted(root.rglob("*.html"))]
     browser, bad = open_browser(), 0
     for page in map(Path, names) if names else pages:
         for width in WIDTHS:
             for theme in THEMES:
-                picture, wide = screenshot(browser, root / f"{page}.html", width, theme)
+                picture, faults = screenshot(browser, root / f"{page}.html", width, theme)
                 (out / f"{'-'.join(page.parts)}-{width}-{theme}.png").write_bytes(picture)
-                if wide:
+                if faults:
                     bad = 1
-                    print(f"{page}, {width} pixels, {theme}: {wide[:3]}")
+                    print(f"{page}, {width} pixels, {theme}: {faults[:3]}")
     browser.quit()
     return bad
 
