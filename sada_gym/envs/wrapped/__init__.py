@@ -9,15 +9,19 @@ from sada_gym.envs.wrapped.bindings import (
     ParameterBinding,
     ResetOption,
 )
+from sada_gym.envs.wrapped.camera import CameraFault
 from sada_gym.envs.wrapped.disturbances import (
     ActionDelay,
     ActionGain,
     ActionNoise,
+    ObservationBias,
     ObservationDelay,
+    ObservationDrift,
     ObservationDropout,
     ObservationNoise,
     RepeatedActions,
 )
+from sada_gym.envs.wrapped.events import ActuatorFailure, Event, RealTime, SensorFailure
 from sada_gym.envs.wrapped.forces import Force, Push, Wind
 from sada_gym.envs.wrapped.scores import Episode
 from sada_gym.foundations.serve_environment import mujoco_fault
@@ -26,20 +30,27 @@ __all__ = [
     "ActionDelay",
     "ActionGain",
     "ActionNoise",
+    "ActuatorFailure",
     "Attribute",
+    "CameraFault",
     "Config",
     "Episode",
+    "Event",
     "Force",
     "Function",
     "GymnasiumApplication",
     "Keyword",
+    "ObservationBias",
     "ObservationDelay",
+    "ObservationDrift",
     "ObservationDropout",
     "ObservationNoise",
     "ParameterBinding",
     "Push",
+    "RealTime",
     "RepeatedActions",
     "ResetOption",
+    "SensorFailure",
     "Wind",
     "mujoco_fault",
 ]

@@ -35,6 +35,7 @@ from sada_gym.envs.wrapped.bindings import (
 )
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, GymnasiumEpisodes
+from sada_gym.envs.wrapped.events import RealTime
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.inspection import Inspection, check_ranges, check_unshared
@@ -252,6 +253,16 @@ class GymnasiumApplication(EpisodePictures):
         with closing(factory.make({})) as env:
             self._inspection = inspection = Inspection.of(env, factory)
             bindings = self._bind(parameters, factory, env)
+            if any(isinstance(binding, RealTime) for binding in bindings.values()):
+                self.repeatable = False  # type: ignore[misc]
+                warnings.warn(
+                    "RealTime measures how long the agent computes, so that no score repeats "
+                    "exactly: another run or computer gives other scores.",
+                    Notice,
+                    stacklevel=2,
+                )
+                num_envs = 1
+                factory = replace(factory, num_envs=1)
             self.episode_spec = EpisodeSpec(
                 factory,
                 bindings,

@@ -137,15 +137,16 @@ class ParameterBinding(ABC):
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """Return its parameters: that of its name, or one for each knot."""
         one = self.parameter(name)
-        names = [*self.named(name, range(self.count))]
-        return (one,) if self.knots is None else tuple(replace(one, name=knot) for knot in names)
+        return tuple(replace(one, name=own) for own in self._own_names(name))
+
+    def _own_names(self, name: str) -> list[str]:
+        return [name] if self.knots is None else [f"{name}[{i}]" for i in range(self.knots)]
 
     def named(self, name: str, values: Any) -> dict[str, Any]:
         """Return what its parameters set, by their names, from what it sets."""
         if self.knots is None:
             return {name: values}
-        each = values.values if isinstance(values, Profile) else values
-        return {f"{name}[{i}]": value for i, value in enumerate(each)}
+        return dict(zip(self._own_names(name), values.values, strict=True))
 
     def world_value(self, numbers: Sequence[float]) -> Any:
         """Return what an episode gets for the physical values of its parameters."""
@@ -162,9 +163,7 @@ class ParameterBinding(ABC):
     def densities(self, name: str) -> dict[str, Density]:
         """Return the densities of its parameters, by their names."""
         density = self.density
-        return (
-            {} if density is None else dict.fromkeys(self.named(name, range(self.count)), density)
-        )
+        return {} if density is None else dict.fromkeys(self._own_names(name), density)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
@@ -238,7 +237,8 @@ class ParameterBinding(ABC):
 
     def looks_like_angle(self) -> bool:
         """Say whether the range looks like that of an angle, and nobody says so."""
-        if self.choices or self.angle or self.directions or self.integer or self.log:
+        plain_number = not (self.choices or self.angle or self.directions or self.integer)
+        if not plain_number or self.log or self.low is None:  # an event may have no value
             return False
         low, high = self._range("")
         turn = {"deg": 360.0, "rad": 2.0 * np.pi, "": 2.0 * np.pi}.get(self.unit, np.nan)

@@ -62,25 +62,59 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
         return max(self._given.values) if isinstance(self._given, Profile) else self._given
 
 
-class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
-    def __init__(
-        self,
-        env: Env,
-        value: float,
-        rng: Generator,
-        boxes: Mapping[str | None, spaces.Box[Any]],
-        entries: tuple[int, ...] | None,
-    ) -> None:
-        super().__init__(env, value, rng)
+class ChangedObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
+    """Changes the numbers of some Boxes of an observation; None is the key of a Box alone."""
+
+    def among(self, boxes: Mapping[str | None, Any], entries: tuple[int, ...] | None) -> None:
+        """Set the Boxes, and the entries that change; None means all."""
         self._boxes, self._entries = boxes, None if entries is None else [*entries]
-        self._noise: tuple[float, PixelNoise] | None = None
-        self._pictures = {key for key, box in boxes.items() if entries is None and _is_picture(box)}
 
     def observation(self, observation: Any) -> Any:
+        """Change the Boxes of an observation."""
         if None in self._boxes:
-            return self._noisy(observation, None)
-        noisy = {key: self._noisy(observation[key], key) for key in self._boxes}
-        return {**observation, **noisy}
+            return self.changed(observation, None)
+        changed = {key: self.changed(observation[key], key) for key in self._boxes}
+        return {**observation, **changed}
+
+    def changed(self, number: Any, key: str | None) -> Any:
+        """Return what the agent sees in the place of a Box's numbers."""
+        raise NotImplementedError
+
+    def chosen(self, number: Any, other: Any) -> Any:
+        """Return other numbers at the entries that change, in the form of the Box's."""
+        given = np.asarray(number)
+        whole = np.array(given, np.float64)
+        if self._entries is None:
+            whole[...] = other
+        else:
+            whole.reshape(-1)[self._entries] = np.ravel(other)[self._entries]
+        return (np.rint(whole) if given.dtype.kind in "iu" else whole).astype(given.dtype)
+
+    def added(self, number: Any, key: str | None, more: Any) -> Any:
+        """Return the numbers and more, within the bounds of the Box."""
+        box = self._boxes[key]
+        clean = np.asarray(number, np.float64)
+        noisy = clean + more
+        if box.dtype.kind in "iu":
+            noisy = np.rint(noisy)
+        # an environment may leave its own bounds: only a disturbance does not
+        low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
+        return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
+
+    def at_entries(self, values: Any) -> Any:
+        """Return values at the entries that change, and zeros elsewhere."""
+        if self._entries is None:
+            return values
+        kept = np.zeros_like(values)
+        kept.reshape(-1)[self._entries] = values.reshape(-1)[self._entries]
+        return kept
+
+
+class _NoisyObservations(ChangedObservations):
+    def among(self, boxes: Mapping[str | None, Any], entries: tuple[int, ...] | None) -> None:
+        super().among(boxes, entries)
+        self._noise: tuple[float, PixelNoise] | None = None
+        self._pictures = {key for key, box in boxes.items() if entries is None and _is_picture(box)}
 
     def _pixel_noise(self, deviation: float) -> PixelNoise:
         from sada_gym.envs.wrapped.pixel_noise import PixelNoise  # numba
@@ -89,25 +123,25 @@ class _NoisyObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
             self._noise = (deviation, PixelNoise(deviation, self.rng))
         return self._noise[1]
 
-    def _noisy(self, number: Any, key: str | None) -> Any:
+    def changed(self, number: Any, key: str | None) -> Any:
         deviation = self.value
         if not deviation:
             return number
         if key in self._pictures:
             return self._pixel_noise(deviation)(np.asarray(number, np.uint8))
-        box = self._boxes[key]
         noise = self.rng.standard_normal(np.shape(number))
-        if self._entries is not None:
-            chosen = noise.reshape(-1)[self._entries]
-            noise = np.zeros_like(noise)
-            noise.reshape(-1)[self._entries] = chosen
-        clean = np.asarray(number, np.float64)
-        noisy = clean + deviation * noise
-        if box.dtype.kind in "iu":
-            noisy = np.rint(noisy)
-        # an environment may leave its own bounds: only noise does not
-        low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
-        return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
+        return self.added(number, key, deviation * self.at_entries(noise))
+
+
+class _BiasedObservations(ChangedObservations):
+    def changed(self, number: Any, key: str | None) -> Any:
+        return self.added(number, key, self.at_entries(np.full(np.shape(number), self.value)))
+
+
+class _DriftingObservations(_BiasedObservations):
+    @property
+    def value(self) -> Any:
+        return self.time * super().value
 
 
 def _is_picture(box: spaces.Box[Any]) -> bool:
@@ -160,15 +194,19 @@ class _NoisyActions(EpisodeWrapper, gym.ActionWrapper[Any, Any, Any]):
         if isinstance(space, spaces.Box):
             half_range = (space.high.astype(np.float64) - space.low) / 2.0
             return action + self.value * half_range * self.rng.standard_normal(half_range.shape)
-        other, swapped = self._draw(space), self.rng.random() < self.value
+        other, swapped = drawn_action(space, self.rng), self.rng.random() < self.value
         return other if swapped else action
 
-    def _draw(self, space: Any) -> Any:
-        if isinstance(space, spaces.Discrete):
-            return space.dtype.type(space.start + self.rng.integers(space.n))
-        if isinstance(space, spaces.MultiDiscrete):
-            return (space.start + self.rng.integers(space.nvec)).astype(space.dtype)
-        return self.rng.integers(2, size=space.shape).astype(space.dtype)
+
+def drawn_action(space: Any, rng: Generator) -> Any:
+    """Draw an action of any space evenly."""
+    if isinstance(space, spaces.Box):
+        return rng.uniform(space.low, space.high)
+    if isinstance(space, spaces.Discrete):
+        return space.dtype.type(space.start + rng.integers(space.n))
+    if isinstance(space, spaces.MultiDiscrete):
+        return (space.start + rng.integers(space.nvec)).astype(space.dtype)
+    return rng.integers(2, size=space.shape).astype(space.dtype)
 
 
 class _RepeatedSteps(EpisodeWrapper):
@@ -188,7 +226,7 @@ class Disturbance(ParameterBinding):
 
     varies: ClassVar[bool] = True
     wrapper: ClassVar[type[EpisodeWrapper]]
-    layer: ClassVar[int]
+    layer: ClassVar[float]
     """Where its wrapper stands among those of an episode, from the inside out."""
     minimum: ClassVar[float] = 0.0
     maximum: ClassVar[float] = np.inf
@@ -237,28 +275,23 @@ class Disturbance(ParameterBinding):
 
 
 @dataclass(frozen=True)
-class ObservationNoise(Disturbance):
-    """Gaussian noise on observations; the value is its standard deviation, in their units.
-
-    It is added anew at each step to the numbers of a Box, or to those of all Boxes of floats in a
-    Dict. Noise never takes a number out of the bounds of its space; whole numbers, such as the
-    pixels of an image, are rounded.
+class Sensor(Disturbance):
+    """What happens to the numbers of a Box, or to those of all Boxes of floats in a Dict.
 
     Attributes:
-        key: The one key of a Dict that is noisy; None means all.
-        entries: The entries of the flattened Box that are noisy; None means all.
+        key: The one key of a Dict that it changes; None means all.
+        entries: The entries of the flattened Box that it changes; None means all.
     """
 
-    layer = 3
     key: str | None = None
     entries: tuple[int, ...] | None = None
 
     def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
-        """Return the entries that are noisy."""
+        """Return the entries that change."""
         return ((self.key, tuple(self.entries or ())),)
 
     def check(self, name: str, factory: EnvFactory, env: Env) -> None:
-        """Check that there are Boxes to be noisy."""
+        """Check that there are Boxes to change."""
         space = env.observation_space
         if isinstance(space, spaces.Dict) and self.key is not None:
             check_known(f"key of the observations of {factory.name}", [self.key], [*space])
@@ -267,7 +300,7 @@ class ObservationNoise(Disturbance):
                 f"Expected no key of {name!r}, because the observations of {factory.name} are no "
                 f"dictionary, got {self.key!r}."
             )
-        boxes = self._boxes(space)
+        boxes = self.boxes(space)
         if not boxes or not all(isinstance(box, spaces.Box) for box in boxes.values()):
             raise UserError(
                 f"Expected observations of numbers (Box) in {factory.name} for the noise {name!r}, "
@@ -277,7 +310,8 @@ class ObservationNoise(Disturbance):
             for entry in self.entries or ():
                 check_integer(f"the entries of {name!r}", entry, 0, int(np.prod(box.shape)) - 1)
 
-    def _boxes(self, space: spaces.Space[Any]) -> dict[str | None, Any]:
+    def boxes(self, space: spaces.Space[Any]) -> dict[str | None, Any]:
+        """Return the Boxes that it changes by their keys."""
         if not isinstance(space, spaces.Dict):
             return {None: space}
         if self.key is not None:
@@ -286,9 +320,36 @@ class ObservationNoise(Disturbance):
         return {key: box for key, box in boxes.items() if box.dtype.kind == "f"}
 
     def wrap(self, env: Env, value: Any, rng: Generator) -> Env:
-        """Add noise to each observation."""
-        boxes = self._boxes(env.observation_space)
-        return _NoisyObservations(env, value, rng, boxes, self.entries)
+        """Change each observation."""
+        wrapper: Any = self.wrapper(env, value, rng)
+        wrapper.among(self.boxes(env.observation_space), self.entries)
+        wrapped: Env = wrapper
+        return wrapped
+
+
+@dataclass(frozen=True)
+class ObservationNoise(Sensor):
+    """Gaussian noise on observations; the value is its standard deviation, in their units.
+
+    It is added anew at each step. Noise never takes a number out of the bounds of its space; whole
+    numbers, such as the pixels of an image, are rounded.
+    """
+
+    wrapper, layer = _NoisyObservations, 3
+
+
+@dataclass(frozen=True)
+class ObservationBias(Sensor):
+    """Sensors that are off by the value, in their units, within the bounds of their space."""
+
+    wrapper, layer, minimum = _BiasedObservations, 2.8, -np.inf
+
+
+@dataclass(frozen=True)
+class ObservationDrift(Sensor):
+    """Sensors that go off by the value in each step of the episode, within their bounds."""
+
+    wrapper, layer, minimum = _DriftingObservations, 2.9, -np.inf
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.disturbances import Disturbance, Env, EpisodeWrapper, Generator
 from sada_gym.envs.wrapped.factory import EnvFactory, function_name
 from sada_gym.envs.wrapped.paths import read
+from sada_gym.envs.wrapped.timed import Occurrence, Timed
 from sada_gym.errors import (
     InvalidWorld,
     UserError,
@@ -47,6 +48,8 @@ class _Forced(EpisodeWrapper):
     def __init__(
         self, env: Env, force: Any, rng: Generator, find: Callable[[Any], Act], when: When
     ) -> None:
+        if isinstance(force, Occurrence):
+            force, when = force.value, (force.at, force.lasts)
         super().__init__(env, force, rng)
         self._find, (self._start, self._steps) = find, when
         self._first = 0
@@ -94,7 +97,7 @@ class _BodyForce(Disturbance):
             takes (1, 0, 0) or (1, 0). A negative value acts the other way.
     """
 
-    layer: ClassVar[int] = -1
+    layer: ClassVar[float] = -1
     minimum: ClassVar[float] = -np.inf
     body: str | None = None
     direction: tuple[float, ...] | None = None
@@ -117,10 +120,6 @@ class _BodyForce(Disturbance):
                 f"Expected direction of {name!r} to be {count} numbers, not all 0, got {given!r}."
             )
 
-    def within(self, name: str, limit: int | None) -> Self:
-        """Let a curve go over the steps in which the force acts."""
-        return super().within(name, limit if self._when == _ALWAYS else int(self._when[1]))
-
     def wrap(self, env: Env, value: Any, rng: Generator) -> Env:
         """Let the force act."""
 
@@ -140,8 +139,11 @@ class Wind(_BodyForce):
 
 
 @dataclass(frozen=True)
-class Push(_BodyForce):
+class Push(Timed, _BodyForce):
     """A force on a body for some steps; the value is its strength.
+
+    `at=(20, 80)` makes its first step a parameter, in the place of `start`, and `lasts=(1, 20)`
+    the number of its steps, in the place of `steps`.
 
     Attributes:
         start: The environment's step at which it begins, or the first and the last one at which it
@@ -156,6 +158,15 @@ class Push(_BodyForce):
     def _when(self) -> When:
         return _when(self.start, self.steps)
 
+    def targets(self, name: str) -> tuple[Any, ...]:
+        """Return one target each where `at` says when."""
+        return super().targets(name) if self.at is None else (name,)
+
+    @property
+    def usual_lasts(self) -> int:
+        """The steps for which it acts where no parameter says it."""
+        return self.steps
+
     def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check the steps as well."""
         _check_when(name, self.start, self.steps)
@@ -163,7 +174,7 @@ class Push(_BodyForce):
 
 
 @dataclass(frozen=True)
-class Force(Disturbance):
+class Force(Timed, Disturbance):
     """A force by a function of your own, for any simulator: `apply(env.unwrapped, strength)`.
 
     It is called before each step at which the force acts. Where the simulator keeps a force after a
@@ -174,10 +185,10 @@ class Force(Disturbance):
         apply: The function. It must be importable where worker processes take part.
         start: The environment's step at which the force begins, or the first and the last one at
             which it may, of which each episode draws one; None lets it act in all steps.
-        steps: For how many steps it acts.
+        steps: For how many steps it acts. `at` and `lasts` take the place of both, see `Push`.
     """
 
-    layer: ClassVar[int] = -1
+    layer: ClassVar[float] = -1
     minimum: ClassVar[float] = -np.inf
     apply: Callable[[Any, float], Undo | None] | None = None
     start: int | tuple[int, int] | None = None
@@ -218,9 +229,10 @@ class Force(Disturbance):
         when = _ALWAYS if self.start is None else _when(self.start, self.steps)
         return _Forced(env, value, rng, find, when)
 
-    def within(self, name: str, limit: int | None) -> Self:
-        """Let a curve go over the steps in which the force acts."""
-        return super().within(name, limit if self.start is None else self.steps)
+    @property
+    def usual_lasts(self) -> int | None:
+        """The steps for which it acts where no parameter says it; None means all."""
+        return None if self.start is self.at is None else self.steps
 
 
 def _when(start: int | tuple[int, int], steps: int) -> When:

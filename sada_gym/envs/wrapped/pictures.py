@@ -121,6 +121,8 @@ class EpisodePictures(EpisodePlayer):
     ) -> list[Frame]:
         """Say, in a warning and in the frames, where the same world has another score undrawn."""
         row, seed = validate_world(self.parameters, mu, seed)
+        if not self.repeatable:
+            return frames
         undrawn = self.evaluate(row, [seed])
         if undrawn.invalid or undrawn.score[0] == (0.0 if np.isnan(score) else score):
             return frames

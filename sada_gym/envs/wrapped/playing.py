@@ -19,7 +19,7 @@ from sada_gym.application import INFEASIBLE, INVALID_SCORE, Scored, isolated_rng
 from sada_gym.envs.episodes.base import play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.wrapped.behaviour import behaviour, mean_values
-from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding
+from sada_gym.envs.wrapped.bindings import Keyword
 from sada_gym.envs.wrapped.derived import Derived
 from sada_gym.envs.wrapped.episodes import (
     EpisodeSpec,
@@ -118,18 +118,17 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
             worlds.append({key: b.world_value([*islice(left, b.count)]) for key, b in bindings})
         return worlds
 
-    def _named(self, values: Mapping[str, Any]) -> dict[str, tuple[ParameterBinding, Any]]:
-        """Return what each parameter sets, by its name, with its binding."""
+    def _named(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what each parameter sets, by its name."""
         return {
-            name: (binding, value)
+            name: value
             for key, binding in self.episode_spec.bindings.items()
             for name, value in binding.named(key, values[key]).items()
         }
 
     def _possible(self, mu: Mu) -> npt.NDArray[np.bool_]:
         named = [self._named(values) for values in self._values(mu)]
-        permitted = [self._feasible({k: value for k, (_, value) in one.items()}) for one in named]
-        return np.array(permitted, np.bool_)
+        return np.array([self._feasible(one) for one in named], np.bool_)
 
     def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = np.full(len(mu), INVALID_SCORE)
@@ -249,7 +248,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
         """Play worlds together and then alone, before the first score counts."""
-        if "_asked_twice" in self.__dict__:
+        if "_asked_twice" in self.__dict__ or not self.repeatable:
             return
         # beside neighbours of the first, but for a worker: it might die in a world of no query
         if len(mu) < _TRIED and not is_watched():
@@ -295,9 +294,10 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
 
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""
-        named = self._named(values).items()
-        chosen = {key: plain(str(value)) for key, (binding, value) in named if binding.choices}
-        whole = {key: value for key, (binding, value) in named if binding.integer}
+        named = self._named(values)
+        pairs = [*zip(self.parameters.parameters, named.values(), strict=True)]
+        chosen = {p.name: plain(str(v)) for p, v in pairs if p.choices and not p.whole}
+        whole = {parameter.name: value for parameter, value in pairs if parameter.whole}
         return {"values": chosen | whole} if chosen or whole else {}
 
     def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:

@@ -23,7 +23,7 @@ from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.agents.built_in import BUILT_IN
 from sada_gym.agents.remote.places import place_of
 from sada_gym.application import Application
-from sada_gym.envs.wrapped import bindings, disturbances, forces
+from sada_gym.envs.wrapped import bindings, camera, disturbances, events, forces
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.envs.wrapped.served import server_of
 from sada_gym.errors import UserError, UserTypeError, check_known, described
@@ -37,7 +37,10 @@ KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
         bindings.Attribute,
         bindings.ResetOption,
         bindings.Config,
+        bindings.Function,
         disturbances.ObservationNoise,
+        disturbances.ObservationBias,
+        disturbances.ObservationDrift,
         disturbances.ObservationDelay,
         disturbances.ObservationDropout,
         disturbances.ActionNoise,
@@ -46,9 +49,18 @@ KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
         disturbances.RepeatedActions,
         forces.Wind,
         forces.Push,
+        forces.Force,
+        events.Event,
+        events.SensorFailure,
+        events.ActuatorFailure,
+        events.RealTime,
+        camera.CameraFault,
     )
 }
 """The `kind` of a parameter's table, and the binding whose fields its other keys are."""
+
+_CALLING = (bindings.Function, forces.Force, events.Event)
+"""The kinds that call a function, which a file names by `module:function`."""
 
 _WORDS: Mapping[type, str] = {
     str: 'a text in quotes, such as "a"',
@@ -179,7 +191,7 @@ def argument_keys(kind: Any, **others: Any) -> tuple[dict[str, list[type]], list
 def binding_keys(kind: type[bindings.ParameterBinding]) -> dict[str, list[type]]:
     """Return the types of the keys in a parameter's table, besides its `kind`."""
     hints = get_type_hints(kind)
-    return {field.name: toml_types(hints[field.name]) for field in fields(kind)}
+    return {field.name: toml_types(hints[field.name]) or [str] for field in fields(kind)}
 
 
 def binding_of(name: str, value: Any, path: Path) -> Any:
@@ -203,7 +215,11 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
     arguments = {key: argument for key, argument in value.items() if key != "kind"}
     check_known(f"key{parameter} in {path}", arguments, ["kind", *keys])
     check_types(arguments, keys, path, parameter)
-    return binding(**{key: _as_tuples(argument) for key, argument in arguments.items()})
+    given = {key: _as_tuples(argument) for key, argument in arguments.items()}
+    for key in ("set", "apply"):
+        if key in given and binding in _CALLING:
+            given[key] = imported(given[key], path, key, "module:function")
+    return binding(**given)
 
 
 def toml_types(hint: Any) -> list[type]:
