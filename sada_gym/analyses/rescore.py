@@ -13,6 +13,7 @@ from typing_extensions import Self
 
 from sada_gym import agents
 from sada_gym.analyses.mapping import map_samples
+from sada_gym.analyses.ordinary import ORDINARY_SEEDS, ORDINARY_WORLDS, ordinary_worlds
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
 from sada_gym.evaluation.executors import Workers
@@ -52,6 +53,8 @@ class Comparison(Strict):
         invalid: How many samples count in no figure, because their world broke here or there.
         clipped: By parameter, how many samples lie outside its range there. They are moved to the
             nearest end of it.
+        ordinary: How often worlds of the run's ordinary use fail there; None where that was not
+            asked for. Without a density they are even.
     """
 
     run: str
@@ -67,6 +70,7 @@ class Comparison(Strict):
     rank_correlation: float | None
     invalid: int = 0
     clipped: dict[str, int]
+    ordinary: Rate | None = None
 
 
 class Transfers(Strict):
@@ -146,8 +150,9 @@ def transfer(
     """Score the samples of finished runs in other tracks, against other agents, on other shapes.
 
     A sample keeps its physical values: where a range differs, mu does too. What lies outside a
-    range is moved to its end, and counted. The scores are kept in `elsewhere.sqlite` in the run's
-    folder, so that a call that was stopped goes on where it was.
+    range is moved to its end, and counted. Beside the samples stand as many ordinary worlds, a
+    hundred at most: where these fail as well, samples that fail say little. The scores are kept in
+    `elsewhere.sqlite` in the run's folder, so that a call that was stopped goes on where it was.
 
     Args:
         runs: Runs, or their folders.
@@ -177,6 +182,7 @@ def transfer(
         workers=workers,
         application=application,
         on_scores=on_scores,
+        ordinary=ORDINARY_WORLDS,
     )
     return Transfers(comparisons=tuple(one.comparison for one in scored))
 
@@ -259,6 +265,7 @@ def _scored(
     application: Application | str | None,
     on_scores: OnScores,
     check: Callable[[_Samples], object] = lambda _: None,
+    ordinary: int = 0,
 ) -> list[Rescored]:
     """Score each run's samples in each target; what is opened for one serves all runs."""
     keywords = {} if env_kwargs is None else dict(env_kwargs)
@@ -275,14 +282,14 @@ def _scored(
         opened: dict[object, OpenTarget] = {}
         tasks: list[_Samples] = []
         for run in runs:
-            chosen, seeds, space = _chosen(run, samples, seed, application)
+            chosen, seeds, space, usual = _chosen(run, samples, seed, application, ordinary)
             for target in targets or (None,):
                 with_agent = agent or _own_agent(run.target, target)
                 key = (run.folder if target is None else target, with_agent)
                 if key not in opened:
                     there = _open(run, target, keywords, with_agent, application, workers)
                     opened[key] = stack.enter_context(there)
-                tasks.append(_Samples.of(run, chosen, seeds, space, opened[key], keywords))
+                tasks.append(_Samples.of(run, chosen, seeds, space, opened[key], keywords, usual))
                 check(tasks[-1])
         for there in opened.values():
             there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
@@ -291,9 +298,13 @@ def _scored(
 
 
 def _chosen(
-    run: Run, count: int | None, seed: int | None, application: Application | str | None
-) -> tuple[Evaluations, list[int], ParameterSpace]:
-    """Return samples of a run, their seeds elsewhere, and the space that they lie in."""
+    run: Run,
+    count: int | None,
+    seed: int | None,
+    application: Application | str | None,
+    ordinary: int,
+) -> tuple[Evaluations, list[int], ParameterSpace, Mu]:
+    """Return samples of a run, all seeds elsewhere, the space, and ordinary worlds."""
     samples = run.samples
     if count is not None:
         check_integer("samples", count, 1, len(samples))
@@ -302,8 +313,11 @@ def _chosen(
     if seed is not None:
         check_integer("seed", seed, 0)
         seeds = evaluation_seeds(seed, "validation", 0, len(samples))
+    first, most = run.settings.seed if seed is None else seed, min(ordinary, len(samples))
+    seeds = seeds + evaluation_seeds(first, "validation", ORDINARY_SEEDS, most)
     with run.open(application) as opened:
-        return samples, seeds, opened.parameters
+        usual = ordinary_worlds(opened.application, most, run.settings.seed)
+        return samples, seeds, opened.parameters, usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,15 +341,19 @@ class _Samples:
         space: ParameterSpace,
         there: OpenTarget,
         keywords: dict[str, Any],
+        usual: Mu,
     ) -> Self:
-        target = str(there.target)
-        mu, clipped = map_samples(samples.mu, space, there.parameters, str(run.folder), target)
-        return cls(run, samples, seeds, there, keywords, mu, clipped)
+        names = str(run.folder), str(there.target)
+        mu, clipped = map_samples(samples.mu, space, there.parameters, *names)
+        usual, _ = map_samples(usual, space, there.parameters, *names)
+        return cls(run, samples, seeds, there, keywords, np.concatenate([mu, usual]), clipped)
 
     def scored(self, on_scores: OnScores) -> Rescored:
         run, there = self.run, self.there
         store = run.folder / ELSEWHERE_FILE
         scored = stored_scores(there.evaluator, self.mu, self.seeds, store, on_scores)
+        scored, usual = scored[: len(self.samples)], scored[len(self.samples) :].valid
+        failing = int(usual.fooled(there.target.fooling_threshold).sum())
         valid = ~(self.samples.invalid | scored.invalid)
         if not valid.any():
             raise UserError(
@@ -360,6 +378,7 @@ class _Samples:
             rank_correlation=_rank_correlation(old.score, new.score),
             invalid=int((~valid).sum()),
             clipped=self.clipped,
+            ordinary=Rate.of(failing, len(usual)) if len(usual) else None,
         )
         return Rescored(comparison, scored)
 

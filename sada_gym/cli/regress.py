@@ -72,8 +72,11 @@ def regress(
         print_json(result)
         raise typer.Exit(result.exit_code)
     say(f"{result.agent} on {result.track}, compared with {result.compared_with}", lead="[bold]")
+    say("  suite  ordinary", lead="[dim]")
+    ordinary = result.counts(ordinary=True)
     for change, count in result.counts().items():
-        say(f"  {count:>4} {change}")
+        usual = ordinary.get(change, 0)
+        say(f"  {count - usual:>5}  {usual:>8}  {change}")
     if result.failing is not None:
         say(f"The worlds that fail: {result.failing}.")
     for difference in result.differences:

@@ -27,6 +27,7 @@ from sada_gym.cli.console import (
 
 if TYPE_CHECKING:
     from sada_gym.analyses.rescore import Comparison
+    from sada_gym.measures.rates import Rate
 
 
 def transfer(
@@ -91,9 +92,12 @@ def transfer(
 def _show(run: str, rows: Sequence[Comparison]) -> None:
     first = min(rows, key=lambda row: row.invalid)
     lines = [
-        ("", "AFR", "fool in both", "rank correlation"),
-        ("in the run", str(first.afr_here), "", ""),
-        *((_place(row), str(row.afr_there), _both(row), _rank(row)) for row in rows),
+        ("", "AFR", "fool in both", "rank correlation", "ordinary worlds"),
+        ("in the run", str(first.afr_here), "", "", ""),
+        *(
+            (_place(row), str(row.afr_there), _of(row.both), _rank(row), _of(row.ordinary))
+            for row in rows
+        ),
     ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     say(
@@ -113,8 +117,8 @@ def _place(row: Comparison) -> str:
     return f"{row.there}{f' with {keywords}' if keywords else ''}"
 
 
-def _both(row: Comparison) -> str:
-    return "-" if row.both is None else f"{row.both.fooled} of {row.both.samples}"
+def _of(rate: Rate | None) -> str:
+    return "-" if rate is None else f"{rate.fooled} of {rate.samples}"
 
 
 def _rank(row: Comparison) -> str:

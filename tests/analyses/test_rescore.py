@@ -52,6 +52,15 @@ def test_the_figures_are_those_of_the_samples_in_the_other_world(analytic):
     assert row.here.application.settings["volume"] == 0.3
 
 
+def test_ordinary_worlds_stand_beside_the_samples(analytic):
+    (row,) = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4}).comparisons
+    assert row.ordinary.samples == 40  # as many as samples
+    assert 0.2 < row.ordinary.rate < 0.6  # even ones: no density is known
+    (all_fail,) = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.9}).comparisons
+    assert all_fail.ordinary.rate > row.ordinary.rate
+    assert rescore(analytic, ANALYTIC, env_kwargs={"volume": 0.4}).comparison.ordinary is None
+
+
 def test_every_run_is_tried_in_every_track_and_the_figures_survive_json(analytic, tmp_path):
     other = run(tmp_path / "other", seed=1)
     tried = transfer([analytic, other], ["SADA-Analytic-v0", "sada_gym:SADA-Analytic-v0"])
@@ -82,8 +91,8 @@ def test_rescoring_gives_the_scores_of_each_sample_there(analytic):
     outcomes = make_application(ANALYTIC, volume=0.4).evaluate(samples.mu, samples.seed.tolist())
     np.testing.assert_array_equal(there.scores.score, outcomes.score)
     np.testing.assert_array_equal(there.scores.seed, samples.seed)
-    tried = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4})
-    assert there.comparison == tried.comparisons[0]
+    (tried,) = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4}).comparisons
+    assert there.comparison == tried.model_copy(update={"ordinary": None})
 
 
 def test_a_run_is_rescored_in_one_world_alone(analytic):
@@ -209,8 +218,9 @@ def test_a_stopped_call_goes_on_where_it_was(tmp_path, call):
     assert not (folder / "confirmed.json").exists()
     seen = []
     report = again(lambda *counts: seen.append(counts))
-    assert 0 < seen[-1][2] < 80  # those of the first call came from the store
-    assert seen[-1][:2] == (80, 80)
+    total = {"confirm": 80, "transfer": 160}[call]  # with as many ordinary worlds
+    assert 0 < seen[-1][2] < total  # those of the first call came from the store
+    assert seen[-1][:2] == (total, total)
     assert report == again(lambda *_: None)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from itertools import count
+from typing import Any, Literal
 
 from sada_gym.analyses.regression.suite import Case, Verdict
 from sada_gym.errors import UserError, UserTypeError, check_integer
@@ -11,9 +12,14 @@ from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.files import OneLine, Strict
 
 ALPHA = 0.05
-"""One-sided: the risk of calling an agent worse, or better, that is neither."""
+"""One-sided: the risk of calling an agent better that is not, and that of a margin's bound."""
+FALSE_ALARM = 0.01
+"""One-sided: the risk of failing an agent that is no worse, shared among the arms of a suite."""
+ORDINARY_MARGIN = 0.05
+"""The increase in ordinary worlds that is tolerated where nothing else is said."""
 
 _MOST_WORLDS = 10**6
+_MOST_SUITES = 100
 
 Change = Literal[
     "fixed", "regressed", "new failure", "still fails", "still passes", "not comparable"
@@ -39,6 +45,7 @@ class Decision(Strict):
         margin: The greatest increase that is tolerated; None if none was given.
         more: How many more worlds a decision would take at least: worlds with a changed verdict, or
             with a margin any worlds. None where it is decided, or no number would do.
+        repeats: How many suites of this size would decide at these rates, this one among them.
     """
 
     status: Status
@@ -52,6 +59,7 @@ class Decision(Strict):
     at_most: float
     margin: float | None
     more: int | None = None
+    repeats: int | None = None
 
 
 def verdict_of(fooled: Bools, invalid: Bools) -> Verdict | None:
@@ -87,7 +95,12 @@ def check_margin(margin: object) -> None:
 
 
 def decide(
-    changes: Sequence[Change], *, margin: float | None = None, unchanged: bool = False
+    changes: Sequence[Change],
+    *,
+    margin: float | None = None,
+    unchanged: bool = False,
+    alarm: float = FALSE_ALARM,
+    unlucky: tuple[int, int] = (0, 0),
 ) -> Decision:
     """Decide whether an agent passes.
 
@@ -97,10 +110,16 @@ def decide(
     it passes where the increase of failing worlds is below the margin at 95 % confidence
     (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
 
+    Worlds that were chosen by the results that they are compared with regress to the mean: some
+    controls of a noisy agent were lucky. Those that were tried and were not lucky are left out of
+    the suite; each counts as if it had changed back.
+
     Args:
         changes: What became of each world.
         margin: The greatest tolerated increase of the rate of failing worlds.
         unchanged: Whether the agent is the one that it is compared with.
+        alarm: The risk of failing an agent that is no worse.
+        unlucky: How many worlds were tried as controls and failed, and as failures and passed.
 
     Raises:
         UserError: If no world can be compared.
@@ -114,21 +133,25 @@ def decide(
         )
     n, broken = len(compared), sum(change in BROKEN for change in compared)
     fixed = compared.count("fixed")
-    worse, better = _p_value(broken, fixed), _p_value(fixed, broken)
+    against, for_ = fixed + unlucky[0], broken + unlucky[1]
+    worse, better = _p_value(broken, against), _p_value(fixed, for_)
     at_most = increase_at_most(broken, fixed, n)
     status: Status
-    more = None
+    more = repeats = None
     if unchanged and not broken + fixed:
         status, reason = "passed", "It is the same agent in the same application"
     elif margin is not None and at_most <= margin:
         status = "passed"
         reason = f"The increase of failing worlds is at most {at_most:.1%}, within {margin:.1%}"
-    elif worse <= ALPHA:
+    elif worse <= alarm:
         status = "failed"
         reason = f"{broken} of {n} worlds broke and {fixed} were fixed (p = {worse:.2g})"
     elif margin is not None:
         status, more = "inconclusive", _more_for_margin(broken, fixed, n, margin)
-        needed = f"it takes about {more:,} more" if more else "no number of such worlds would do"
+        repeats = None if more is None else -(-(n + more) // n)
+        needed = "no number of such worlds would do"
+        if more:
+            needed = f"it takes about {more:,} more, {repeats} suites like this one in all"
         reason = (
             f"{n} worlds only show that the increase of failing worlds is at most {at_most:.1%}, "
             f"not {margin:.1%}: {needed}"
@@ -141,10 +164,15 @@ def decide(
         status = "passed"
         reason = f"{fixed} of {n} worlds were fixed and {broken} broke (p = {better:.2g})"
     else:
-        status, more = "inconclusive", _more_discordant(broken, fixed)
+        most, least, risk = (broken, against, alarm) if worse < better else (fixed, for_, ALPHA)
+        status, more = "inconclusive", _more_discordant(most, least, risk)
+        repeats = _repeats(most, least, risk)
+        lucky = f", as {unlucky[0]} controls that were tried failed" if unlucky[0] else ""
+        in_all = f", or about {repeats} suites like this one" if repeats else ""
         reason = (
-            f"{broken} of {n} worlds broke and {fixed} were fixed, which may be chance (p = "
+            f"{broken} of {n} worlds broke and {fixed} were fixed, which may be chance{lucky} (p = "
             f"{min(worse, better):.2g}): it takes at least {more} more worlds that change alike"
+            f"{in_all}"
         )
     return Decision(
         status=status,
@@ -158,6 +186,33 @@ def decide(
         at_most=at_most,
         margin=margin,
         more=more,
+        repeats=repeats,
+    )
+
+
+def decide_ordinary(changes: Sequence[Change], *, margin: float | None, **known: Any) -> Decision:
+    """Decide by ordinary worlds, see `decide`, with `ORDINARY_MARGIN` where nothing else does."""
+    decision = decide(changes, margin=margin, **known)
+    if margin is None and decision.status == "inconclusive":
+        decision = decide(changes, margin=ORDINARY_MARGIN, **known)
+    return decision
+
+
+def combine(decision: Decision, ordinary: Decision | None) -> Decision:
+    """Join what a suite's chosen worlds and its ordinary ones say: the worse of the two decides."""
+    if ordinary is None:
+        reason = f"{decision.reason} The suite holds no ordinary worlds: export it anew."
+        return decision.model_copy(update={"reason": reason})
+    order: list[Status] = ["passed", "inconclusive", "failed"]
+    worse = max(decision, ordinary, key=lambda one: order.index(one.status))
+    reasons = [decision.reason, f"In ordinary worlds: {ordinary.reason}"]
+    return decision.model_copy(
+        update={
+            "status": worse.status,
+            "reason": " ".join(reasons if worse is decision else reversed(reasons)),
+            "more": worse.more,
+            "repeats": worse.repeats,
+        }
     )
 
 
@@ -214,20 +269,22 @@ def _p_value(more: int, less: int) -> float:
     return float(binomtest(more, more + less, alternative="greater").pvalue)
 
 
-def _more_discordant(broken: int, fixed: int) -> int:
-    most, least = max(broken, fixed), min(broken, fixed)
-    more = 1
-    while _p_value(most + more, least) > ALPHA:
-        more += 1
-    return more
+def _more_discordant(most: int, least: int, risk: float) -> int:
+    return next(k for k in count(1) if _p_value(most + k, least) <= risk)
+
+
+def _repeats(most: int, least: int, risk: float) -> int | None:
+    """Return how many suites with as many changed worlds would decide; None for too many."""
+    fits = (k for k in range(2, _MOST_SUITES) if _p_value(k * most, k * least) <= risk)
+    return next(fits, None)
 
 
 def _more_for_margin(broken: int, fixed: int, worlds: int, margin: float) -> int | None:
     """Estimate how many more worlds show that an increase is within a margin, at these rates."""
 
-    def shows(count: int) -> bool:
-        scale = count / worlds
-        bound = increase_at_most(round(broken * scale), round(fixed * scale), count)
+    def shows(many: int) -> bool:
+        scale = many / worlds
+        bound = increase_at_most(round(broken * scale), round(fixed * scale), many)
         return bound <= margin
 
     low = high = worlds

@@ -13,12 +13,14 @@ from typing import Literal
 import numpy as np
 
 from sada_gym.agents.agent_files import find_agent_file
+from sada_gym.analyses.ordinary import ORDINARY_SEEDS, ORDINARY_WORLDS, ordinary_worlds
 from sada_gym.analyses.regression.compare import verdict_of
 from sada_gym.analyses.regression.records import as_csv, as_json, as_sarif
 from sada_gym.analyses.regression.suite import (
     Case,
     File,
     Item,
+    Objective,
     Ranged,
     Suite,
     Verdict,
@@ -29,7 +31,7 @@ from sada_gym.analyses.regression.suite import (
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, check_integer, plain
 from sada_gym.evaluation.executors import Workers
-from sada_gym.evaluation.stored import FreshScores, OnScores, try_again
+from sada_gym.evaluation.stored import FreshScores, OnScores, stored_scores, try_again
 from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.arrays import Indices
@@ -46,6 +48,7 @@ from sada_gym.run.run import as_runs
 Form = Literal["suite", "cases", "sarif"]
 
 MOST_IN_GROUP, FEWEST_IN_GROUP = 40, 10
+_OBJECTIVES: Mapping[str, Objective] = {"F": "failure", "C": "control", "O": "ordinary"}
 MOST_FAILURES = 100
 """A suite tries at most so many failures, as many of each group, unless these are very many."""
 
@@ -87,8 +90,9 @@ def export(
     The failures among the samples and the training queries are grouped by the weaknesses of the
     runs' diagnoses; without any, by wide gaps. Of each group at most `MOST_IN_GROUP` that lie apart
     are confirmed: they stay where they fail on most of `confirm` fresh seeds. Each gets the nearest
-    world that passes on most of its fresh seeds as a control. The fresh scores are kept in the
-    first run's folder, so that a call that was stopped goes on where it was.
+    world that passes on most of its fresh seeds as a control. Beside them stand `ORDINARY_WORLDS`
+    of ordinary use, whatever the agent does there. The fresh scores are kept in the first run's
+    folder, so that a call that was stopped goes on where it was.
 
     Args:
         runs: Runs of one track and agent, or their folders.
@@ -115,6 +119,7 @@ def export(
         known = _known(read, opened)
         chooser = _Chooser(opened, known, first, _weaknesses(read), confirm, on_scores)
         cases, groups, unconfirmed = chooser.choose()
+        ordinary = chooser.ordinary(len(groups) + 1) if form == "suite" else ()
         given = first.given if application is None else Given.of(application, {})
         suite = Suite(
             sources=tuple(f"{run.settings} ({shown(run.folder.name)})" for run in read),
@@ -123,7 +128,9 @@ def export(
             pass_criterion=criterion(first.target.fooling_threshold),
             groups=groups,
             unconfirmed=unconfirmed,
+            unlucky_controls=chooser.unlucky_controls,
             test_cases=cases,
+            ordinary_cases=ordinary,
         )
     with file_errors("make the folder", path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -158,6 +165,7 @@ class _Chooser:
         self._threshold = run.target.fooling_threshold
         self._folder, self._confirm, self._on_scores = run.folder, confirm, on_scores
         self._weaknesses, self._drawn = weaknesses, 0
+        self.unlucky_controls = 0
         self._fooled = known.fooled(self._threshold)
         self._points = places(known.mu, opened.parameters)
         if not self._fooled.any():
@@ -203,6 +211,7 @@ class _Chooser:
             if not matched:
                 break
             tried = self._confirmed(np.array([*matched.values()], np.intp))
+            self.unlucky_controls += sum(world.verdict == "fail" for world in tried.values())
             for place, row in matched.items():
                 if tried[row].verdict == "pass":
                     found[open_rows[place]] = tried[row]
@@ -236,12 +245,28 @@ class _Chooser:
             )
         }
 
-    def _case(self, world: _Tried, name: str, group: int) -> Case:
+    def ordinary(self, group: int) -> tuple[Case, ...]:
+        """Draw worlds as in ordinary use, evaluate each once, and return the valid ones."""
+        application = self._opened.application
+        mu = ordinary_worlds(application, ORDINARY_WORLDS, self._seed)
+        seeds = evaluation_seeds(self._seed, "validation", ORDINARY_SEEDS, len(mu))
+        store = self._folder / ELSEWHERE_FILE
+        scored = stored_scores(self._opened.evaluator, mu, seeds, store, self._on_scores)
+        fooled = scored.fooled(self._threshold)
+        return tuple(
+            self._case(
+                _Tried(i, (seeds[i],), int(fooled[i]), "fail" if fooled[i] else "pass"),
+                f"O{i + 1:03}", group, mu[i],
+            )
+            for i in np.flatnonzero(~scored.invalid).tolist()
+        )  # fmt: skip
+
+    def _case(self, world: _Tried, name: str, group: int, mu: Mu | None = None) -> Case:
         assert world.verdict is not None
-        mu: Mu = self._known.mu[world.row]
+        mu = self._known.mu[world.row] if mu is None else mu
         return Case(
             id=name,
-            objective="failure" if name.startswith("F") else "control",
+            objective=_OBJECTIVES[name[0]],
             group=group,
             concrete_scenario=self._opened.parameters.describe(mu),
             mu=tuple(mu.tolist()),

@@ -7,9 +7,9 @@ import hashlib
 import io
 import json
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
-from sada_gym.analyses.regression.suite import Case, Ranged, Suite
+from sada_gym.analyses.regression.suite import Case, Objective, Ranged, Suite
 from sada_gym.foundations.files import Strict
 
 _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
@@ -27,7 +27,7 @@ class TestCaseRecord(Strict):
     """
 
     identifier: str
-    kind: Literal["failure", "control"]
+    kind: Objective
     objective: str
     inputs: dict[str, float | str]
     seeds: tuple[int, ...]

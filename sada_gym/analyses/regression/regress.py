@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +16,18 @@ from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.analyses.failures import PlayedAgain
 from sada_gym.analyses.mapping import map_samples
 from sada_gym.analyses.regression.compare import (
+    FALSE_ALARM,
     Change,
     Decision,
     change_of,
     check_margin,
+    combine,
     decide,
+    decide_ordinary,
     demand,
     verdict_of,
 )
-from sada_gym.analyses.regression.suite import Case, Item, Suite, Verdict, read_suite
+from sada_gym.analyses.regression.suite import ORDINARY, Case, Item, Suite, Verdict, read_suite
 from sada_gym.application import Application
 from sada_gym.envs.wrapped.toml import application_of
 from sada_gym.errors import UserError, UserTypeError
@@ -67,10 +71,12 @@ class Regression(Strict):
         agent: What was tested.
         baseline: What it was compared with; None where that is what the suite expects.
         differences: What is not as it was when the suite was exported.
-        groups: What the worlds of each distinct failure share.
+        groups: What the worlds of each distinct failure share; the last are the ordinary worlds.
         suite_agent: The agent that the suite was exported of.
         failing: Where the score has several requirements, which ones the agent fails in the worlds
             that fail now.
+        ordinary: What the ordinary worlds alone say, which `decision` considers; None where an old
+            suite holds none.
     """
 
     suite: str
@@ -79,6 +85,7 @@ class Regression(Strict):
     agent: OneLine
     baseline: OneLine | None
     decision: Decision
+    ordinary: Decision | None
     differences: tuple[OneLine, ...]
     groups: tuple[OneLine, ...]
     worlds: tuple[CaseResult, ...]
@@ -95,9 +102,13 @@ class Regression(Strict):
         made = f" (made with {self.suite_agent})" if self.suite_agent else ""
         return f"what the suite expects{made}" if self.baseline is None else self.baseline
 
-    def counts(self) -> dict[Change, int]:
-        """Count the worlds by what became of them; only what occurs."""
-        changes = [world.change for world in self.worlds]
+    def counts(self, *, ordinary: bool = False) -> dict[Change, int]:
+        """Count the worlds, or the ordinary ones alone, by what became of them: what occurs."""
+        changes = [
+            world.change
+            for world in self.worlds
+            if not ordinary or world.case.objective == "ordinary"
+        ]
         return {change: changes.count(change) for change in dict.fromkeys(sorted(changes))}
 
 
@@ -140,7 +151,7 @@ def regress(
             stack.enter_context(_open(content.test_item, path, given, what, workers))
             for what, given in agents.items()
         ]
-        total = len(opened) * sum(len(case.seeds) for case in content.test_cases)
+        total = len(opened) * sum(len(case.seeds) for case in content.cases)
         in_parts = InParts(on_scores, total)
         results = [_score(content, path, there, kept, in_parts) for there in opened]
         changed = _differences(content.test_item, path, opened[0])
@@ -148,21 +159,33 @@ def regress(
     now, before = results[0], results[1] if baseline is not None else None
     worlds = tuple(
         now.world(i, case.expected_result if before is None else before.verdicts[i], case)
-        for i, case in enumerate(content.test_cases)
+        for i, case in enumerate(content.cases)
     )
     known = content.test_item.target.application if before is None else before.target.application
     changes = [world.change for world in worlds]
-    decision = decide(changes, margin=margin, unchanged=known == now.target.application)
-    decision = demand(decision, changes, max_failing=max_failing, require_fixed=require_fixed)
+    chosen, drawn = np.split(np.array(changes, object), [len(content.test_cases)])
+    is_old = known == content.test_item.target.application
+    given: dict[str, Any] = {
+        "margin": margin,
+        "unchanged": known == now.target.application,
+        "alarm": FALSE_ALARM / (1 + bool(len(drawn))),
+    }
+    unlucky = (content.unlucky_controls, content.unconfirmed) if is_old else (0, 0)
+    decision = decide(chosen.tolist(), **given, unlucky=unlucky)
+    decision = demand(
+        decision, chosen.tolist(), max_failing=max_failing, require_fixed=require_fixed
+    )
+    ordinary = decide_ordinary(drawn.tolist(), **given) if len(drawn) else None
     return Regression(
         suite=str(path),
         suite_agent=shown(content.test_item.target.agent),
         track=shown(now.target.track),
         agent=shown(now.target.agent),
         baseline=None if before is None else shown(before.target.agent),
-        decision=decision,
+        decision=combine(decision, ordinary),
+        ordinary=ordinary,
         differences=(*changed, *now.clipped),
-        groups=content.groups,
+        groups=(*content.groups, *([ORDINARY] if len(drawn) else [])),
         worlds=worlds,
         failing=failing,
     )
@@ -216,8 +239,8 @@ def _score(
     mu, clipped = map_samples(
         suite.mu, suite.parameters, there.parameters, str(path), str(there.target)
     )
-    counts = [len(case.seeds) for case in suite.test_cases]
-    seeds = [seed for case in suite.test_cases for seed in case.seeds]
+    counts = [len(case.seeds) for case in suite.cases]
+    seeds = [seed for case in suite.cases for seed in case.seeds]
     there.evaluator.expect(len(seeds))
     repeated = np.repeat(mu, counts, axis=0)
     scored = stored_scores(there.evaluator, repeated, seeds, store, on_scores)

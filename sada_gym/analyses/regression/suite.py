@@ -24,9 +24,12 @@ from sada_gym.foundations.files import (
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 SUITE_FILE = "suite.json"
-VERSION = 1
+VERSION = 2
+"""Suites of version 1 hold no ordinary worlds."""
+ORDINARY = "ordinary worlds"
 
 Verdict = Literal["pass", "fail"]
+Objective = Literal["failure", "control", "ordinary"]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 
 
@@ -86,8 +89,10 @@ class Case(Strict):
     """One world: a concrete scenario, and how the agent is expected to do there.
 
     Attributes:
-        objective: `failure`: the agent failed here; `control`: it passed in a world like that.
-        group: The number of the distinct failure that the world belongs to, from 1.
+        objective: `failure`: the agent failed here; `control`: it passed in a world like that;
+            `ordinary`: the world was drawn as it is in ordinary use, whatever the agent did there.
+        group: The number of the distinct failure that the world belongs to, from 1; that of an
+            ordinary world is the one after the last.
         mu: The normalised parameters, (d,), exact as float32.
         seeds: The evaluation seeds, at least one, fresh ones where failures were confirmed.
         expected_result: What the exporting agent got; edit it where another result is wanted.
@@ -95,7 +100,7 @@ class Case(Strict):
     """
 
     id: OneLine
-    objective: Literal["failure", "control"]
+    objective: Objective
     group: int = Field(ge=1)
     concrete_scenario: dict[OneLine, float]
     mu: tuple[float, ...]
@@ -113,25 +118,29 @@ class Suite(Strict):
         pass_criterion: When a world counts as passed, in words.
         groups: What the worlds of each distinct failure share, in words.
         unconfirmed: How many failures were left out, because they did not repeat on fresh seeds.
+        unlucky_controls: How many controls were left out, because they failed on fresh seeds.
+        ordinary_cases: Worlds of ordinary use: the density's, or even ones without a density.
     """
 
     format: Literal["sada-gym regression suite"] = "sada-gym regression suite"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 2
     sources: tuple[OneLine, ...]
     test_item: Item
     logical_scenario: tuple[Ranged, ...] = Field(min_length=1)
     pass_criterion: OneLine
     groups: tuple[OneLine, ...] = Field(min_length=1)
     unconfirmed: int
+    unlucky_controls: int = Field(0, ge=0)
     test_cases: tuple[Case, ...] = Field(min_length=1)
+    ordinary_cases: tuple[Case, ...] = ()
 
     @model_validator(mode="after")
     def _check_cases(self) -> Self:
         names = {parameter.name for parameter in self.logical_scenario}
-        ids = [case.id for case in self.test_cases]
+        ids = [case.id for case in self.cases]
         if doubles := {id_ for id_ in ids if ids.count(id_) > 1}:
             raise ValueError(f"expected each id once, got {min(doubles)!r} twice")
-        for case in self.test_cases:
+        for case in self.cases:
             inside = all(-1.0 <= value <= 1.0 for value in case.mu)
             if len(case.mu) != len(names) or not inside or {*case.concrete_scenario} != names:
                 raise ValueError(
@@ -143,7 +152,7 @@ class Suite(Strict):
                     f"expected at most {len(case.seeds)} fooled_seeds of {case.id!r}, as many as "
                     f"it has seeds, got {case.fooled_seeds}"
                 )
-            if case.group > len(self.groups):
+            if case.group > len(self.groups) + (case.objective == "ordinary"):
                 raise ValueError(f"expected a group of {case.id!r} up to {len(self.groups)}")
         told = criterion(self.test_item.target.fooling_threshold)
         if self.pass_criterion != told:
@@ -159,9 +168,14 @@ class Suite(Strict):
         return ParameterSpace(*(ranged.parameter() for ranged in self.logical_scenario))
 
     @property
+    def cases(self) -> tuple[Case, ...]:
+        """All worlds: failures, controls and ordinary ones."""
+        return self.test_cases + self.ordinary_cases
+
+    @property
     def mu(self) -> Mu:
-        """The worlds, (n, d)."""
-        return np.array([case.mu for case in self.test_cases], np.float32)
+        """All worlds, (n, d)."""
+        return np.array([case.mu for case in self.cases], np.float32)
 
 
 def criterion(threshold: float) -> str:
@@ -224,7 +238,7 @@ def _check_scenarios(path: Path, suite: Suite) -> None:
     """Raise a FileError where a world's physical values are not those of its mu."""
     parameters = suite.parameters
     spans = {ranged.name: ranged.high - ranged.low for ranged in suite.logical_scenario}
-    for case, mu in zip(suite.test_cases, suite.mu, strict=True):
+    for case, mu in zip(suite.cases, suite.mu, strict=True):
         for name, value in parameters.describe(mu).items():
             given = case.concrete_scenario[name]
             if abs(given - value) > 1e-3 * spans[name]:

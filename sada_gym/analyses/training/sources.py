@@ -171,7 +171,7 @@ class _OfSuite:
 
     def pool(self, space: WorldSpace) -> Mu:
         path, suite = read_suite(self.path)
-        failing = [case.objective == "failure" for case in suite.test_cases]
+        failing = [case.objective == "failure" for case in suite.cases]
         if not any(failing):
             raise UserError(
                 f"Expected a suite with failures, got none among {len(failing)} worlds in {path}. "
