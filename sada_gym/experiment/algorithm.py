@@ -196,10 +196,11 @@ class Algorithm1:
             )
         return mu
 
-    def measure(self, *, explain: bool = False) -> RunReport:
+    def measure(self, *, explain: bool = False, explore: bool = False) -> RunReport:
         """Measure the test samples and the search.
 
-        With `explain` it also says what matters, and explores the nominal world if it is known.
+        With `explain` it also says what matters. With `explore` it also plays worlds around the
+        nominal one, if that is known.
         """
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
@@ -232,7 +233,7 @@ class Algorithm1:
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
             in_use=self._failure_probability(),
-            nominal=self._nominal_world() if explain else None,
+            nominal=self._nominal_world() if explore else None,
             influences=self._influences() if explain else (),
         )
 
@@ -255,9 +256,10 @@ class Algorithm1:
 
         combine = np.random.default_rng(self.settings.seed) if self.application.combines else None
         known = Evaluations.joined([self.queries, self.samples])
-        return explore_nominal(
+        explored = explore_nominal(
             *(space, nominal, play, known, self._threshold), samples=self.samples, combine=combine
         )
+        return explored.model_copy(update={"played": len(oracle.record)})
 
     def _influences(self) -> tuple[Influence, ...]:
         worlds = Evaluations.joined([self.queries, self.samples]).valid

@@ -76,6 +76,7 @@ class NominalWorld(Strict):
         nearest: None without any failure.
         combined: None where the application does not ask for it, or the agent fails in the nominal
             world itself.
+        played: The evaluations that all this took beside the budget; None in older files.
     """
 
     parameters: dict[str, float]
@@ -85,6 +86,7 @@ class NominalWorld(Strict):
     smallest: tuple[SmallestChange, ...]
     nearest: NearestFailure | None
     combined: Combined | None = None
+    played: int | None = None
 
 
 def most_worlds(dimension: int) -> int:

@@ -160,7 +160,10 @@ def _influences(influences: tuple[Influence, ...], values: _Values) -> str:
 
 def _nominal(nominal: NominalWorld, values: _Values) -> str:
     often = f"fooled {nominal.fooled} of {nominal.evaluations} times"
-    return f"mean score {nominal.score:.2f}, {often} ({values.world(nominal.parameters)})"
+    text = f"mean score {nominal.score:.2f}, {often} ({values.world(nominal.parameters)})"
+    if nominal.played is None:
+        return text
+    return f"{text}; {nominal.played:,} evaluations beside the budget were spent around it"
 
 
 def _smallest(nominal: NominalWorld, values: _Values) -> str:

@@ -102,9 +102,29 @@ def test_an_attack_tells_of_the_nominal_world_and_of_what_matters(tmp_path):
     text = str(result)
     assert "what matters " in text
     assert "nominal world " in text
+    assert f"{report.nominal.played} evaluations beside the budget were spent around it" in text
+    assert report.nominal.evaluations < report.nominal.played <= SEEDS * most_worlds(3)
     again = attack(Pole(), "memorise", budget=300, samples=50, out=tmp_path, resume=True,
                    pictures=False, progress=False)  # fmt: skip
     assert again.result == report
+
+
+def test_no_world_is_played_around_the_nominal_one_without_a_diagnosis(tmp_path):
+    played = []
+
+    class Counted(Pole):
+        def evaluate_batch(self, mu, seeds):
+            played.extend(seeds)
+            return super().evaluate_batch(mu, seeds)
+
+    keywords = {"budget": 300, "samples": 50, "pictures": False, "progress": False}
+    plain = attack(Counted(), "memorise", out=tmp_path / "plain", diagnose=False, **keywords)
+    assert len(played) == 350
+    assert plain.result.nominal is None
+    assert plain.result.influences
+    whole = attack(Counted(), "memorise", out=tmp_path / "whole", **keywords)
+    assert (plain.samples.score == whole.samples.score).all()
+    assert whole.result.nominal.played > 0
 
 
 def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
