@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import monotonic
 
 import typer
 
@@ -42,6 +43,15 @@ def estimate(
     store: Path | None = option(
         None, "Keep the scores, to go on after a stop.", metavar="FILE", shown="the folder of a run"
     ),
+    beside: str | None = option(
+        None,
+        "Another agent in the same worlds: how many times as often does the first one fail?",
+        metavar="AGENT|RUN|FILE.toml",
+    ),
+    per: int | None = option(None, "Tell the failures in so many uses.", minimum=1),
+    unit: str | None = option(
+        None, "What an episode is, where it is a use, such as flights.", metavar="WORD"
+    ),
     as_json: bool = json_option("the estimate"),
 ) -> None:
     """Estimate with which probability an agent fails in ordinary use, with a 95 % interval.
@@ -59,7 +69,15 @@ def estimate(
         folder = Path(what)
         is_run = (folder / SETTINGS_FILE).is_file()
         kept = is_run or store is not None
+        begun, fresh = monotonic(), 0
+
         with open_executor(executor, workers) as opened, scores_progress(kept=kept) as progress:
+
+            def on_scores(done: int, total: int, cached: int) -> None:
+                nonlocal fresh
+                fresh = done - cached
+                progress(done, total, cached)
+
             result = find(
                 what,
                 budget=budget,
@@ -69,12 +87,19 @@ def estimate(
                 application=application,
                 workers=opened.workers,
                 store=store,
-                on_scores=progress,
+                beside=beside,
+                per=per,
+                unit=unit,
+                on_scores=on_scores,
             )
+        seconds = monotonic() - begun
         if is_run:
             make_anew(folder, application)
     if as_json:
         print_json(result)
         return
     for name, text in result.rows():
+        if name == "to halve this interval" and fresh and result.to_halve:
+            minutes = result.to_halve * seconds / fresh / 60.0
+            text = f"{text}, {minutes:,.0f} minutes" if minutes >= 1.5 else f"{text}, a minute"
         say(f"{name}: {text}.", lead="[bold]" if name == "in ordinary use" else "")

@@ -36,6 +36,13 @@ def regress(
         "Fail if a smaller share of the known failures is fixed, such as 0.5.",
         shown="none has to be",
     ),
+    max_probability: float | None = option(
+        None,
+        "Pass only if a failure in ordinary use is less likely, such as 1e-3; fail if it is more "
+        "likely (95 %).",
+        shown="not estimated",
+    ),
+    budget: int = option(2_000, "Evaluations for --max-probability.", minimum=20),
     workers: int = workers_option(1),
     junit: Path | None = option(None, "Write JUnit XML.", metavar="FILE"),
     markdown: Path | None = option(None, "Write Markdown for a pull request.", metavar="FILE"),
@@ -60,6 +67,8 @@ def regress(
                 margin=margin,
                 max_failing=max_failing,
                 require_fixed=require_fixed,
+                max_probability=max_probability,
+                budget=budget,
                 workers=workers,
                 store=store,
                 on_scores=progress,

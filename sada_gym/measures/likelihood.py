@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from sada_gym.errors import FileError
 from sada_gym.foundations.figures import percent
 from sada_gym.foundations.files import OneLine, Strict, read_model
@@ -21,6 +23,30 @@ class RiskShare(Strict):
     number: int
     text: OneLine
     share: float
+
+
+class ComparedAgent(Strict):
+    """Another agent in the same worlds with the same seeds.
+
+    Attributes:
+        ratio: How many times as often the first agent fails; None where the other never did.
+        ratio_interval: Its 95 % interval; None stands for no bound.
+    """
+
+    agent: OneLine
+    probability: float
+    interval: tuple[float, float]
+    ratio: float | None
+    ratio_interval: tuple[float, float | None]
+
+    @property
+    def sentence(self) -> str:
+        """The comparison in one line."""
+        low, high = self.ratio_interval
+        ends = f"{low:.2g} to {high:.2g}" if high else f"{low:.2g} times or more"
+        times = "more often" if self.ratio is None else f"{self.ratio:.2g} times as often"
+        rates = f"{odds(self.probability)}, {odds(self.interval[0])} to {odds(self.interval[1])}"
+        return f"fails {times} (95 %: {ends}) as {self.agent} ({rates}) in the same worlds"
 
 
 class FailureEstimate(Strict):
@@ -44,6 +70,10 @@ class FailureEstimate(Strict):
             first; none without one.
         density: The density of ordinary use.
         seed: Fixes the draws.
+        to_halve: About so many more queries halve the interval.
+        beside: Another agent in the same worlds, where that was asked for.
+        per: So many uses are told together.
+        unit: What an episode is, where an episode is a use.
     """
 
     probability: float
@@ -61,6 +91,10 @@ class FailureEstimate(Strict):
     shares: tuple[RiskShare, ...] = ()
     density: dict[str, Any]
     seed: int
+    to_halve: int | None = None
+    beside: ComparedAgent | None = None
+    per: int | None = Field(default=None, ge=1)
+    unit: OneLine | None = None
 
     @property
     def sentence(self) -> str:
@@ -88,11 +122,27 @@ class FailureEstimate(Strict):
             f"{odds(self.unseen)} (95 %)"
         )
 
+    def _in_use(self) -> str:
+        unit, many = self.unit or "episodes", self.per or 1_000
+        low, high = (end * many for end in self.interval)
+        told = (
+            f"of {many:,} {unit} {self.probability * many:.2g} fail (95 %: {low:.2g} to {high:.2g})"
+        )
+        if not self.failures:
+            return f"of {many:,} {unit} fewer than {high:.2g} fail (95 %)"
+        return f"{told}, one failure in {round(1.0 / self.probability):,} {unit}"
+
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield the name and the text of each finding, as the summary of a run has them."""
         refused = "" if self.refused is None else f". Do not rely on it: {self.refused}"
         yield "in ordinary use", f"{self.sentence}{refused}"
+        if self.beside is not None:
+            yield "beside it", self.beside.sentence
+        if self.per is not None or self.unit is not None:
+            yield "in use", self._in_use()
         yield "that rests on", self.basis
+        if self.to_halve:
+            yield "to halve this interval", f"about {self.to_halve:,} more queries"
         if self.shares:
             listed = [
                 f"{percent(share.share)} {f'where {share.text}' if share.number else 'elsewhere'}"

@@ -32,7 +32,7 @@ _CANDIDATES, _LAST_CANDIDATES = 3_000, 12_000
 _NEIGHBOURS = 5
 _FEW = 20  # failures, from which on the model knows the threshold
 
-_LEAST_EFFECTIVE = 5.0
+_LEAST_EFFECTIVE, _Z = 5.0, 1.96
 _ALLOWANCE = 0.1  # of the estimate, for failures that the model does not expect
 _WIDER, _ROUGH = 1.3, 0.02  # a variance that was estimated, and of candidates, is too small
 
@@ -60,9 +60,11 @@ class Found:
         refused: Why the interval is not to be relied on, or None.
         effective: How many failures of plain draws tell as much.
         z: The last draws, (n, d), the first `plain` of which are plain.
+        weights: What each of them would add to the probability if it failed, (n,).
         terms: What each of them adds to the probability, (n,).
         failed: Which of them failed, (n,).
         learnt: Whether the last draws were guided by a model.
+        pool_variance: What the choice of candidates adds to the variance.
     """
 
     probability: float
@@ -70,10 +72,17 @@ class Found:
     refused: str | None
     effective: float
     z: Floats
+    weights: Floats
     terms: Floats
     failed: Bools
     plain: int
     learnt: bool
+    pool_variance: float
+
+    def counted(self, answers: Answers) -> Found:
+        """Count other answers to the same draws, such as those of another agent."""
+        given = self.z, self.weights, answers, self.plain, self.pool_variance
+        return _found(*given, learnt=self.learnt)
 
 
 def estimate_probability(
@@ -185,7 +194,31 @@ def _found(
         ends = wilson_interval(valid, plain)
         rate, low, high = rate * plain / max(valid, 1), low / ends[1], high / max(ends[0], 1e-9)
     interval = (min(low, 1.0), min(high, 1.0))
-    return Found(min(rate, 1.0), interval, refused, effective, z, terms, failed, plain, learnt)
+    return Found(
+        min(rate, 1.0), interval, refused, effective, z, weights, terms, failed, plain, learnt,
+        pool_variance,
+    )  # fmt: skip
+
+
+def ratio_of(one: Found, other: Found) -> tuple[float | None, tuple[float, float | None]]:
+    """Return how many times as likely one agent fails as another in common draws, and its interval.
+
+    None stands for no bound. The draws are common, so that luck with them cancels (delta method on
+    the logarithm); with few failures the ends of both intervals are divided, which is wider.
+    """
+    if not other.probability:
+        low = one.interval[0] / other.interval[1]
+        return None, (low, None)
+    ratio = one.probability / other.probability
+    if min(one.effective, other.effective) < _LEAST_EFFECTIVE:
+        least = other.interval[0]
+        high = one.interval[1] / least if least else None
+        return ratio, (one.interval[0] / other.interval[1], high)
+    difference = one.terms / one.terms.sum() - other.terms / other.terms.sum()
+    parts = (difference[: one.plain], difference[one.plain :])
+    variance = sum(len(part) * float(part.var(ddof=1)) for part in parts if len(part) > 1)
+    factor = float(np.exp(_Z * np.sqrt(_WIDER * variance + 2.0 * _ROUGH**2)))
+    return ratio, (ratio / factor, ratio * factor)
 
 
 def _learnt(

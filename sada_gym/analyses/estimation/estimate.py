@@ -10,22 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from sada_gym.analyses.estimation.core import Answers, Asked, Found, estimate_probability
+from sada_gym.analyses.estimation.core import (
+    Answers,
+    Asked,
+    Found,
+    estimate_probability,
+    ratio_of,
+)
 from sada_gym.analyses.estimation.use import IndependentUse, JointUse
 from sada_gym.application import Application
 from sada_gym.densities import Density, WorldDensity
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_keywords
-from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.oracle import MAX_QUERIES
-from sada_gym.evaluation.stored import OnScores
+from sada_gym.evaluation.stored import InParts, OnScores
 from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.experiment.names import check_spelling
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.arrays import Floats
-from sada_gym.foundations.files import write_model
+from sada_gym.foundations.files import shown, write_model
 from sada_gym.measures.diagnosis.grouping import by_weakness
-from sada_gym.measures.likelihood import ESTIMATE_FILE, FailureEstimate, RiskShare
+from sada_gym.measures.likelihood import ESTIMATE_FILE, ComparedAgent, FailureEstimate, RiskShare
 from sada_gym.parameters import Mu
 from sada_gym.run import Run, load_run
 from sada_gym.run.folder import ELSEWHERE_FILE
@@ -47,6 +52,9 @@ def estimate(
     application: Application | str | None = None,
     workers: int | Workers = 1,
     store: str | Path | None = None,
+    beside: Run | Application | str | Path | None = None,
+    per: int | None = None,
+    unit: str | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> FailureEstimate:
     """Estimate with which probability the agent fails in ordinary use, over worlds and seeds.
@@ -72,6 +80,11 @@ def estimate(
         application: What the run attacked, where it cannot say it, see `Run.open`.
         workers: See `Workers`.
         store: A file that keeps the scores; None takes that of a run, and else none.
+        beside: Another agent, which is evaluated in the same worlds with the same seeds, so that
+            there are twice as many evaluations: its name or file, with an id or a run of one; or a
+            run, its folder, an application or a TOML file that holds it.
+        per: Tells the failures in so many episodes.
+        unit: What an episode is, such as `flights`, where an episode is a use.
         on_scores: See `OnScores`.
 
     Raises:
@@ -93,49 +106,126 @@ def estimate(
             environment = named if isinstance(named, Application) else str(named)
             check_spelling(environment, None, dict(env_kwargs or {}))
             opened = stack.enter_context(OpenTarget.of(environment, env_kwargs, workers=workers))
-        rng = np.random.default_rng((seed, _DRAWING_SEED))
-        use = _use(opened.application, density, rng)
-        asking = _Asking(opened.evaluator, use, budget, seed, on_scores)
-        if store is not None and opened.application.fingerprint is not None:
-            opened.evaluator.attach(store)
-            stack.callback(opened.evaluator.detach)
-        opened.evaluator.expect(budget)
-        threshold = float(opened.application.fooling_threshold)
-        known = None if run is None else _known(run, use, threshold)
-        found = estimate_probability(use, asking, threshold, budget, rng, known)
-        shares = () if run is None else _shares(run, opened, use.mu(found.z), found)
-    result = _record(found, use, asking.used, shares, seed)
+        both = [opened]
+        if beside is not None:
+            first = run_or_application if run is None else run
+            other = _open_beside(beside, first, env_kwargs, workers)
+            both.append(stack.enter_context(other))
+        given = {"budget": budget, "seed": seed, "density": density, "store": store}
+        result = estimate_open(both, run, **given, per=per, unit=unit, on_scores=on_scores)
     if run is not None:
         write_model(run.folder / ESTIMATE_FILE, result)
     return result
 
 
+def estimate_open(
+    opened: Sequence[OpenTarget],
+    run: Run | None = None,
+    *,
+    budget: int,
+    seed: int = 0,
+    density: Any = None,
+    store: str | Path | None = None,
+    per: int | None = None,
+    unit: str | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> FailureEstimate:
+    """Estimate of an agent, and maybe of a second one beside it, what `estimate` does."""
+    first = opened[0].application
+    with ExitStack() as stack:
+        for one in opened:
+            if store is not None and one.application.fingerprint is not None:
+                one.evaluator.attach(store)
+                stack.callback(one.evaluator.detach)
+            one.evaluator.expect(budget)
+        rng = np.random.default_rng((seed, _DRAWING_SEED))
+        use = _use(first, density, rng)
+        asking = _Asking(opened, use, budget, seed, on_scores)
+        threshold = float(first.fooling_threshold) if len(opened) == 1 else 0.0
+        known = None if run is None else _known(run, use, first.fooling_threshold, threshold)
+        found = estimate_probability(use, asking, threshold, budget, rng, known)
+        each = [found.counted(answers) for answers in asking.last]
+        shares = () if run is None else _shares(run, opened[0], use.mu(found.z), each[0])
+    compared = None
+    if len(opened) > 1:
+        ratio, interval = ratio_of(*each)
+        compared = ComparedAgent(
+            agent=shown(opened[1].target.agent or str(opened[1].target)),
+            probability=each[1].probability,
+            interval=each[1].interval,
+            ratio=ratio,
+            ratio_interval=interval,
+        )
+    result = _record(each[0], use, asking.used * len(opened), shares, seed)
+    update = {"beside": compared, "per": per, "unit": unit}
+    return FailureEstimate.model_validate({**dict(result), **update})
+
+
+def _open_beside(
+    beside: Any, named: Any, env_kwargs: Mapping[str, Any] | None, workers: int | Workers
+) -> OpenTarget:
+    other = _as_run(beside)
+    if other is not None:
+        return other.open(workers=workers)
+    if isinstance(beside, Application) or str(beside).endswith(".toml"):
+        return OpenTarget.of(
+            beside if isinstance(beside, Application) else str(beside), workers=workers
+        )
+    if isinstance(named, Run) and named.given.by == "id":
+        return named.open_changed({}, agent=str(beside), workers=workers)
+    if isinstance(named, Run | Application) or str(named).endswith(".toml"):
+        raise UserError(
+            f"Expected a run, an Application or a TOML file with the other agent, got {beside!r}, "
+            "which only an id can take. Describe it in a file of its own."
+        )
+    return OpenTarget.of(str(named), env_kwargs, agent=str(beside), workers=workers)
+
+
 class _Asking:
-    """Scores worlds of ordinary use, each with a seed of its own, and counts them."""
+    """Scores worlds of ordinary use, each with a seed of its own, and counts them.
+
+    Of several agents a world counts as failed where any fails; `last` holds each one's answers.
+    """
 
     def __init__(
-        self, evaluator: Evaluator, use: Use, budget: int, seed: int, on_scores: OnScores
+        self, opened: Sequence[OpenTarget], use: Use, budget: int, seed: int, on_scores: OnScores
     ) -> None:
-        self._evaluator, self._use, self._seed = evaluator, use, seed
-        self._budget, self._on_scores = budget, on_scores
-        self.used = self._cached = 0
+        self._evaluators, self._use, self._seed = [one.evaluator for one in opened], use, seed
+        spaces = [one.parameters.parameters for one in opened]
+        if spaces[0] != spaces[-1]:
+            raise UserError(
+                f"Expected the same parameters and ranges of both agents, got those of "
+                f"{opened[0].target} and of {opened[-1].target}. Make them alike."
+            )
+        self._in_parts = InParts(on_scores, budget * len(opened))
+        self.used = 0
+        self.last: list[Answers] = []
 
     def __call__(self, z: Floats) -> Answers:
         """Score worlds at points, (n, d)."""
-        application = self._evaluator.application
-        assert application is not None
         seeds = evaluation_seeds(self._seed, "validation", _FIRST_SEED + self.used, len(z))
+        self.used += len(z)
 
         def report(done: int, cached: int) -> None:
-            self._on_scores(self.used + done, self._budget, self._cached + cached)
+            self._in_parts(done, len(z), cached)
 
-        mu = application.parameters.validate(self._use.mu(z))
-        answer = self._evaluator.evaluate(mu, seeds, report)
-        self.used, self._cached = self.used + len(z), self._cached + answer.cached
-        valid = np.ones(len(z), np.bool_)
-        valid[[*answer.invalid]] = False
-        failed = fools(answer.scores, application.fooling_threshold) & valid
-        return Answers(answer.scores, failed, valid)
+        found = []
+        for evaluator in self._evaluators:
+            application = evaluator.application
+            assert application is not None
+            mu = application.parameters.validate(self._use.mu(z))
+            answer = evaluator.evaluate(mu, seeds, report)
+            valid = np.ones(len(z), np.bool_)
+            valid[[*answer.invalid]] = False
+            failed = fools(answer.scores, application.fooling_threshold)
+            found.append((application, Answers(answer.scores, failed, valid)))
+        valid = np.all([answers.valid for _, answers in found], axis=0)
+        self.last = [Answers(a.score, a.failed & valid, valid) for _, a in found]
+        if len(found) == 1:
+            return self.last[0]
+        depth = [a.score - application.fooling_threshold for application, a in found]
+        failed = np.any([answers.failed for answers in self.last], axis=0)
+        return Answers(np.min(depth, axis=0), failed, valid)
 
 
 def _as_run(given: Any) -> Run | None:
@@ -177,7 +267,7 @@ def _use(application: Application, density: Any, rng: np.random.Generator) -> Us
     return JointUse(space, density, permits, rng)
 
 
-def _known(run: Run, use: Use, threshold: float) -> Asked | None:
+def _known(run: Run, use: Use, threshold: float, zero: float) -> Asked | None:
     """Return the queries of a run, as far as they lie near ordinary use."""
     queries = run.queries
     if queries is None or not len(queries):
@@ -186,7 +276,8 @@ def _known(run: Run, use: Use, threshold: float) -> Asked | None:
     queries = queries[near]
     if not len(queries):
         return None
-    return z[near], Answers(queries.score, queries.fooled(threshold), ~queries.invalid)
+    score = queries.score + (zero - threshold)
+    return z[near], Answers(score, queries.fooled(threshold), ~queries.invalid)
 
 
 def _shares(run: Run, opened: OpenTarget, mu: Mu, found: Found) -> Sequence[RiskShare]:
@@ -227,4 +318,5 @@ def _record(
         shares=tuple(shares),
         density=use.data,
         seed=seed,
+        to_halve=(3 if found.failed.any() else 1) * queries,
     )

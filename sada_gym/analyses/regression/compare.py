@@ -10,6 +10,7 @@ from sada_gym.analyses.regression.suite import Case, Verdict
 from sada_gym.errors import UserError, UserTypeError, check_integer
 from sada_gym.foundations.arrays import Bools
 from sada_gym.foundations.files import OneLine, Strict
+from sada_gym.measures.likelihood import FailureEstimate, odds
 
 ALPHA = 0.05
 """One-sided: the risk of calling an agent better that is not, and that of a margin's bound."""
@@ -26,6 +27,7 @@ Change = Literal[
 ]
 Status = Literal["passed", "failed", "inconclusive"]
 
+_ORDER: tuple[Status, ...] = ("passed", "inconclusive", "failed")
 BROKEN: tuple[Change, ...] = ("regressed", "new failure")
 
 
@@ -203,8 +205,7 @@ def combine(decision: Decision, ordinary: Decision | None) -> Decision:
     if ordinary is None:
         reason = f"{decision.reason} The suite holds no ordinary worlds: export it anew."
         return decision.model_copy(update={"reason": reason})
-    order: list[Status] = ["passed", "inconclusive", "failed"]
-    worse = max(decision, ordinary, key=lambda one: order.index(one.status))
+    worse = max(decision, ordinary, key=lambda one: _ORDER.index(one.status))
     reasons = [decision.reason, f"In ordinary worlds: {ordinary.reason}"]
     return decision.model_copy(
         update={
@@ -214,6 +215,25 @@ def combine(decision: Decision, ordinary: Decision | None) -> Decision:
             "repeats": worse.repeats,
         }
     )
+
+
+def gate(decision: Decision, found: FailureEstimate, most: float) -> Decision:
+    """Judge an agent by the probability of its failures in ordinary use as well.
+
+    It passes where the 95 % interval lies below `most`, and fails where it lies above.
+    """
+    (low, high), more = found.interval, None
+    status: Status = "passed" if high <= most else "failed" if low > most else "inconclusive"
+    if found.refused is not None:
+        status = "inconclusive"
+    reason = f"{found.sentence}, and {odds(most)} may"
+    if status == "inconclusive":
+        more = found.to_halve
+        refused = "" if found.refused is None else f"; {found.refused}"
+        reason = f"{reason}{refused}: to halve the interval it takes about {more:,} more queries"
+    arm = decision.model_copy(update={"status": status, "more": more, "repeats": None})
+    worse = max(decision, arm, key=lambda one: _ORDER.index(one.status))
+    return worse.model_copy(update={"reason": f"{decision.reason} In ordinary use it {reason}."})
 
 
 def demand(

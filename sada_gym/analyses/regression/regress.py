@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.agents.agent_files import SUFFIXES
+from sada_gym.analyses.estimation.estimate import estimate_open
 from sada_gym.analyses.failures import PlayedAgain
 from sada_gym.analyses.mapping import map_samples
 from sada_gym.analyses.regression.compare import (
@@ -25,6 +26,7 @@ from sada_gym.analyses.regression.compare import (
     decide,
     decide_ordinary,
     demand,
+    gate,
     verdict_of,
 )
 from sada_gym.analyses.regression.suite import ORDINARY, Case, Item, Suite, Verdict, read_suite
@@ -39,6 +41,7 @@ from sada_gym.experiment.packages import installed
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.foundations.behaviour import Behaviours
 from sada_gym.foundations.files import OneLine, Strict, parse_toml, shown
+from sada_gym.measures.likelihood import FailureEstimate
 
 EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
 
@@ -77,6 +80,7 @@ class Regression(Strict):
             that fail now.
         ordinary: What the ordinary worlds alone say, which `decision` considers; None where an old
             suite holds none.
+        likely: How likely a failure is in ordinary use, where `max_probability` asks for it.
     """
 
     suite: str
@@ -86,6 +90,7 @@ class Regression(Strict):
     baseline: OneLine | None
     decision: Decision
     ordinary: Decision | None
+    likely: FailureEstimate | None = None
     differences: tuple[OneLine, ...]
     groups: tuple[OneLine, ...]
     worlds: tuple[CaseResult, ...]
@@ -120,6 +125,8 @@ def regress(
     margin: float | None = None,
     max_failing: int | None = None,
     require_fixed: float | None = None,
+    max_probability: float | None = None,
+    budget: int = 2_000,
     workers: int | Workers = 1,
     store: str | Path | None = None,
     on_scores: OnScores = lambda *_: None,
@@ -134,6 +141,9 @@ def regress(
         margin: See `decide`.
         max_failing: See `demand`.
         require_fixed: See `demand`.
+        max_probability: How likely a failure in ordinary use may be, see `gate`. The application
+            must know its density.
+        budget: The number of evaluations for that, see `estimate`.
         workers: See `Workers`.
         store: Keeps the scores, so that a call that was stopped goes on where it was.
         on_scores: See `OnScores`.
@@ -144,6 +154,10 @@ def regress(
     """
     path, content = read_suite(suite)
     check_margin(margin)
+    if max_probability is not None and not 0.0 < max_probability < 1.0:
+        raise UserError(
+            f"Expected max_probability above 0 and below 1, such as 1e-3, got {max_probability}."
+        )
     kept = None if store is None else Path(store)
     with ExitStack() as stack:
         agents = {"agent": agent, **({} if baseline is None else {"baseline": baseline})}
@@ -155,6 +169,9 @@ def regress(
         in_parts = InParts(on_scores, total)
         results = [_score(content, path, there, kept, in_parts) for there in opened]
         changed = _differences(content.test_item, path, opened[0])
+        likely = None
+        if max_probability is not None:
+            likely = estimate_open(opened[:1], budget=budget, store=kept, on_scores=on_scores)
         failing = results[0].failing()
     now, before = results[0], results[1] if baseline is not None else None
     worlds = tuple(
@@ -176,14 +193,18 @@ def regress(
         decision, chosen.tolist(), max_failing=max_failing, require_fixed=require_fixed
     )
     ordinary = decide_ordinary(drawn.tolist(), **given) if len(drawn) else None
+    decision = combine(decision, ordinary)
+    if likely is not None and max_probability is not None:
+        decision = gate(decision, likely, max_probability)
     return Regression(
         suite=str(path),
         suite_agent=shown(content.test_item.target.agent),
         track=shown(now.target.track),
         agent=shown(now.target.agent),
         baseline=None if before is None else shown(before.target.agent),
-        decision=combine(decision, ordinary),
+        decision=decision,
         ordinary=ordinary,
+        likely=likely,
         differences=(*changed, *now.clipped),
         groups=(*content.groups, *([ORDINARY] if len(drawn) else [])),
         worlds=worlds,

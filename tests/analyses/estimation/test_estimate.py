@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -143,6 +145,40 @@ def test_a_run_keeps_its_estimate_and_tells_it(tmp_path):
     assert FailureEstimate.model_validate_json(result.stdout) == found
 
 
+@pytest.mark.long
+def test_the_ratio_of_two_agents_in_common_worlds_is_known():
+    weak, strong = Slope(2.6), Slope(3.6)
+    found = estimate(weak, beside=strong, budget=600, density=DENSITIES)
+    true = truth(weak) / truth(strong)
+    low, high = found.beside.ratio_interval
+    assert low <= true <= high
+    assert found.beside.ratio == pytest.approx(true, rel=0.35)
+    assert high / low < (found.interval[1] / found.interval[0]) ** 2  # common worlds help
+    assert found.queries == 1_200
+    assert found.interval[0] <= truth(weak) <= found.interval[1]
+    assert found.beside.interval[0] <= truth(strong) <= found.beside.interval[1]
+    assert "times as often" in dict(found.rows())["beside it"]
+
+
+@pytest.mark.long
+def test_the_ratio_of_an_agent_to_itself_is_one_and_an_agent_needs_the_same_ranges():
+    same = estimate(Slope(2.6), beside=Slope(2.6), budget=400, density=DENSITIES)
+    assert same.beside.ratio == 1.0
+    assert same.beside.ratio_interval == pytest.approx((1.0, 1.0), abs=0.1)
+    with pytest.raises(ValueError, match="same parameters and ranges"):
+        estimate(Slope(2.6), beside=Toy(2), budget=400, density=DENSITIES)
+    with pytest.raises(ValueError, match="which only an id can take"):
+        estimate(Slope(2.6), beside="new.zip", budget=400, density=DENSITIES)
+
+
+def test_an_agent_that_never_failed_gives_a_ratio_without_a_bound():
+    found = estimate(Slope(1.0), beside=Slope(99.0), budget=100, density=DENSITIES)
+    low, high = found.beside.ratio_interval
+    assert (found.beside.ratio, high) == (None, None)
+    assert low > 1.0
+    assert "times or more" in found.beside.sentence
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -202,3 +238,23 @@ def test_the_line_for_a_safety_case():
     nothing = record(probability=0.0, failures=0, interval=(0.0, 3.4e-3))
     assert nothing.sentence == "no failure in 1,100 worlds: below 1 of 290 with 95 %"
     assert dict(record(refused="too few").rows())["in ordinary use"].endswith("it: too few")
+
+
+def test_failures_are_told_by_use():
+    rows = dict(record(per=1_000, unit="flights", to_halve=6_000).rows())
+    assert rows["in use"] == (
+        "of 1,000 flights 0.1 fail (95 %: 0.05 to 0.24), one failure in 10,000 flights"
+    )
+    assert rows["to halve this interval"] == "about 6,000 more queries"
+    assert "in use" not in dict(record().rows())
+    nothing = record(probability=0.0, failures=0, interval=(0.0, 3.4e-3), unit="trips")
+    assert dict(nothing.rows())["in use"] == "of 1,000 trips fewer than 3.4 fail (95 %)"
+
+
+def test_the_command_tells_what_it_would_take_and_the_use(tmp_path):
+    words = ["estimate", "SADA-Analytic-v0", "--budget", "60", "--unit", "trips", "--per", "500"]
+    density = ["--density", 'x0={"normal": [0.0, 0.3]}']
+    result = CliRunner().invoke(app, [*words, *density], env={"COLUMNS": "300"})
+    assert result.exit_code == 0, result.output
+    assert "in use: of 500 trips" in result.stdout
+    assert re.search("to halve this interval: about [0-9]+ more queries, ", result.stdout)

@@ -13,10 +13,12 @@ from sada_gym.analyses.regression.compare import (
     decide,
     decide_ordinary,
     demand,
+    gate,
     increase_at_most,
     verdict_of,
 )
 from sada_gym.errors import UserError
+from sada_gym.measures.likelihood import FailureEstimate
 
 
 def changes(broken=0, fixed=0, same=0) -> list[Change]:
@@ -177,3 +179,25 @@ def test_more_may_be_asked_than_no_regression(asked, status, reason):
 def test_what_may_be_asked(asked):
     with pytest.raises(UserError, match="Expected"):
         demand(decide(changes(same=3)), changes(same=3), **asked)
+
+
+@pytest.mark.parametrize(
+    ("interval", "refused", "status"),
+    [
+        ((1e-4, 9e-4), None, "passed"),
+        ((1.1e-3, 2e-3), None, "failed"),
+        ((5e-4, 2e-3), None, "inconclusive"),
+        ((1e-4, 9e-4), "few draws", "inconclusive"),
+    ],
+)
+def test_the_probability_in_ordinary_use_is_a_gate(interval, refused, status):
+    found = FailureEstimate(
+        probability=sum(interval) / 2, interval=interval, queries=2_000, method="plain draws",
+        refused=refused, held=1.0, drawn=1_100, failures=9, plain=550, plain_failures=1,
+        effective=9.0, unseen=5e-3, density={}, seed=0, to_halve=6_000,
+    )  # fmt: skip
+    gated = gate(decide(changes(same=40)), found, 1e-3)
+    assert gated.status == status
+    assert "and 1 of 1,000 may" in gated.reason
+    assert (gated.more == 6_000) == (status == "inconclusive")
+    assert gate(decide(changes(9, 0, 40)), found, 1e-3).status == "failed"

@@ -172,6 +172,24 @@ def test_ordinary_worlds_stand_beside_failures_and_an_old_suite_has_none(toy, tm
     assert "holds no ordinary worlds" in old.decision.reason
 
 
+@pytest.mark.parametrize(("most", "exit_code"), [(0.9, 0), (1e-4, 1)])
+def test_a_gate_on_the_probability_estimates_it(toy, most, exit_code):
+    application = Toy(2, offset=OLD)
+    density = {name: Density({"normal": [0.0, 60.0]}) for name in application.parameters.names}
+    application.density = WorldDensity(application.parameters, density)
+    result = regress(toy, application, max_probability=most, budget=100)
+    assert result.exit_code == exit_code
+    assert result.likely.queries == 100
+    assert "In ordinary use it fails in " in result.decision.reason
+
+
+def test_a_gate_on_the_probability_needs_a_density_and_a_probability(toy):
+    with pytest.raises(UserError, match="Expected a density of ordinary use"):
+        regress(toy, Toy(2, offset=OLD), max_probability=0.1)
+    with pytest.raises(UserError, match="Expected max_probability above 0"):
+        regress(toy, Toy(2, offset=OLD), max_probability=2)
+
+
 def test_ordinary_worlds_follow_the_density_and_the_feasible_region():
     application = Toy(2)
     space = application.parameters
