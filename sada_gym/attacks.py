@@ -70,7 +70,7 @@ def attack(
     workers: int | Workers = 1,
     resume: bool = False,
     diagnose: bool = True,
-    confirm: int = 0,
+    confirm: int | None = None,
     pictures: bool = True,
     html: bool = True,
     progress: bool = True,
@@ -98,10 +98,10 @@ def attack(
         resume: Whether to go on with the run that `out` holds, if it holds one.
         diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`; fresh
             worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
-            for each rule and 15 elsewhere. Where the world in ordinary use is known, worlds around
-            it are played, too; the summary says how many.
+            for each rule and 15 elsewhere.
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
-            many more evaluations; see `sada_gym.measures.failures`.
+            many more evaluations; see `sada_gym.measures.failures`. None takes 2, for as many
+            failures as 5 % more evaluations pay for.
         pictures: Whether to draw pictures.
         html: Whether to write report.html, if pictures are drawn.
         progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every
@@ -119,7 +119,7 @@ def attack(
     check_integer("seed", seed, 0)
     if samples is not None:
         check_integer("samples", samples, 1, MAX_QUERIES)
-    check_seeds(confirm, "confirm")
+    check_seeds(0 if confirm is None else confirm, "confirm")
     # before anything heavy is imported
     check_spelling(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
@@ -145,7 +145,7 @@ def attack(
             reserved = reserve_folder(folder, record, resume=resume)
         run = read_finished(folder, settings, opened.dimension) if resume else None
         if run is None:
-            run = _train_and_test(reserved, settings, solver, opened, report, explore=diagnose)
+            run = _train_and_test(reserved, settings, solver, opened, report)
         is_new = _diagnosed(run, opened, diagnose=diagnose, confirm=confirm, on_progress=report)
         frames: dict[int, Frame] = {}
         if pictures:
@@ -206,7 +206,7 @@ def _says_little(settings: RunSettings) -> Iterator[str]:
 
 
 def _diagnosed(
-    run: Run, opened: OpenTarget, *, diagnose: bool, confirm: int, on_progress: OnProgress
+    run: Run, opened: OpenTarget, *, diagnose: bool, confirm: int | None, on_progress: OnProgress
 ) -> bool:
     """Diagnose a run, unless it is, and list failures; return whether that changed its folder."""
     known = run.diagnosis if diagnose else None
@@ -228,8 +228,6 @@ def _train_and_test(
     solver: Adversary,
     opened: OpenTarget,
     on_progress: OnProgress,
-    *,
-    explore: bool,
 ) -> Run:
     """Run Algorithm 1, and write what it finds."""
     folder, evaluator = reserved.folder, opened.evaluator
@@ -252,7 +250,7 @@ def _train_and_test(
         # saved before it samples: loaded again, it gives the same samples
         write_folder(folder / ADVERSARY_FOLDER, algorithm.adversary.save)
         algorithm.test()
-        result = algorithm.measure(explain=True, explore=explore)
+        result = algorithm.measure(explain=True)
         reserved.check(settings, store)
         write_samples(folder / SAMPLES_FILE, algorithm.samples)
         write_model(folder / RESULT_FILE, result)

@@ -94,7 +94,7 @@ def analyse(
     rules: bool = True,
     diagnosis: Diagnosis | None = None,
     fresh: int | None = None,
-    confirm: int = 0,
+    confirm: int | None = 0,
     on_scores: OnAnalysis = lambda *_: None,
 ) -> bool:
     """Diagnose a run, list its failures, and write both into its folder.
@@ -105,7 +105,7 @@ def analyse(
         rules: Whether to diagnose it; without, the failures alone are listed.
         diagnosis: An earlier one, which is completed instead of made anew.
         fresh: See `diagnose`.
-        confirm: See `diagnose`.
+        confirm: See `diagnose`, and for None `sada_gym.attack`.
         on_scores: See `OnAnalysis`.
 
     Returns:

@@ -26,6 +26,9 @@ from sada_gym.run.folder import ELSEWHERE_FILE
 from sada_gym.run.run import as_run
 
 MOST_SEEDS = 1_000
+USUAL_SEEDS, _SHARE_AGAIN, _FEWEST_AGAIN = 2, 0.05, 5
+"""Unless asked for more, an attack tries failures again on so many fresh seeds: all of them, or as
+many as this share of its evaluations pays for; none where that is fewer than the last."""
 _MOST_LISTED = 1_000
 _PLAYED, _FEWEST_PLAYED, _PLAYED_SHARE = 10, 3, 0.02
 """Failures that are played again to see what the agent does: at most so many, and this share of
@@ -73,7 +76,7 @@ def list_failures(
     run: Run,
     opened: OpenTarget,
     *,
-    seeds: int = 0,
+    seeds: int | None = 0,
     again: PlayedAgain | None = None,
     group: Callable[[Mu], Sequence[Group]] | None = None,
     on_scores: OnScores = lambda *_: None,
@@ -81,7 +84,8 @@ def list_failures(
     """List the failures among the samples of a run, and write them into its folder.
 
     Some are played again to see what the agent does, by `again` if it is given, and with `seeds`
-    each is tried again on so many fresh seeds. A file that is there is returned as it is where it
+    each is tried again on so many fresh seeds; None tries `USUAL_SEEDS` on as
+    many as is cheap. A file that is there is returned as it is where it
     has these, but for its groups. `group` says how the failures, (n, d), are grouped; without it
     they stay as they were, or wide gaps part them. An evaluator with a store gives it up.
 
@@ -101,23 +105,26 @@ def list_failures(
         groups = _groups_of(known, rows)
     else:
         groups = [Group(part, words(mu[part], space)) for part in distinct(mu, space)]
-    if known is not None and (not seeds or known.seeds == seeds):
+    if known is not None and (not seeds or (known.seeds == seeds and known.tried == len(rows))):
         failures = _grouped(known, rows, groups)
         if failures != known:
             write_model(folder / FAILURES_FILE, failures)
         return failures
-    # where failures are left out, so are the samples behind the last one that is listed
-    tried = samples if len(rows) < _MOST_LISTED else samples[: int(rows[-1]) + 1]
-    worlds = len(tried.valid)
-    fresh = None
-    if seeds:
-        own = [fresh_seeds(run.settings.seed, row, seeds) for row in rows.tolist()]
-        opened.evaluator.expect(seeds * len(rows))
-        store = folder / ELSEWHERE_FILE
-        fresh = try_again(opened.evaluator, mu, own, threshold, store, on_scores)
     protocol = run.settings.experiment.protocol
-    most = int(_PLAYED_SHARE * (protocol.budget + protocol.samples))
-    count = min(_PLAYED, max(_FEWEST_PLAYED, most))
+    evaluations = protocol.budget + protocol.samples
+    # where failures are left out, so are the samples behind the last one
+    worlds = _worlds(samples, rows, _MOST_LISTED)
+    tried, fresh = len(rows), None
+    if seeds is None:
+        seeds, paid = USUAL_SEEDS, int(_SHARE_AGAIN * evaluations) // USUAL_SEEDS
+        tried = min(tried, paid)
+        seeds = seeds if tried == len(rows) or tried >= _FEWEST_AGAIN else 0
+    if seeds:
+        own = [fresh_seeds(run.settings.seed, row, seeds) for row in rows[:tried].tolist()]
+        opened.evaluator.expect(seeds * tried)
+        store = folder / ELSEWHERE_FILE
+        fresh = try_again(opened.evaluator, mu[:tried], own, threshold, store, on_scores)
+    count = min(_PLAYED, max(_FEWEST_PLAYED, int(_PLAYED_SHARE * evaluations)))
     passing = np.flatnonzero(~samples.fooled(threshold) & ~samples.invalid)[:count]
     again = again or PlayedAgain(opened.application)
     behaviours = again.play(samples[rows[:count]])
@@ -126,11 +133,12 @@ def list_failures(
     )
     passes = again.play(samples[passing]) if compared else ()
     confirmed = None if fresh is None else int(fresh.fails.sum())
+    before = worlds if tried == len(rows) else _worlds(samples, rows, tried)
     failures = Failures(
         fooled=Rate.of(len(rows), worlds),
         seeds=seeds,
-        confirmed=None if confirmed is None else Rate.of(confirmed, len(rows)),
-        confirmed_afr=None if confirmed is None else Rate.of(confirmed, worlds),
+        confirmed=None if confirmed is None else Rate.of(confirmed, tried),
+        confirmed_afr=None if confirmed is None else Rate.of(confirmed, before),
         behaviours=Behaviours.of(behaviours, passes),
         groups=(),
         failures=_listed(opened, samples, rows, fresh, behaviours),
@@ -138,6 +146,11 @@ def list_failures(
     failures = _grouped(failures, rows, groups)
     write_model(folder / FAILURES_FILE, failures)
     return failures
+
+
+def _worlds(samples: Evaluations, rows: Indices, count: int) -> int:
+    """Count the valid samples up to the failure in the row of that number, all without one."""
+    return len((samples if len(rows) < count else samples[: int(rows[count - 1]) + 1]).valid)
 
 
 def fresh_seeds(seed: int, sample: int, count: int) -> tuple[int, ...]:
@@ -237,6 +250,7 @@ def _listed(
     behaviours: Sequence[Behaviour],
 ) -> tuple[Failure, ...]:
     listed = []
+    fooled, valid = ((), ()) if fresh is None else (fresh.fooled_seeds, fresh.valid_seeds)
     for i, row in enumerate(rows.tolist()):
         mu: Mu = samples.mu[row]
         listed.append(
@@ -247,14 +261,15 @@ def _listed(
                 score=float(samples.score[row]),
                 parameters=opened.parameters.describe(mu),
                 group=1,
-                fooled_seeds=None if fresh is None else int(fresh.fooled_seeds[i]),
-                valid_seeds=None if fresh is None else int(fresh.valid_seeds[i]),
+                fooled_seeds=None if i >= len(fooled) else int(fooled[i]),
+                valid_seeds=None if i >= len(valid) else int(valid[i]),
                 behaviour=shown(behaviours[i].text) if i < len(behaviours) else None,
             )
         )
 
     def order(failure: Failure) -> tuple[float, float, int]:
-        certainty = (failure.fooled_seeds or 0) / (failure.valid_seeds or 1)
+        untried = failure.valid_seeds is None
+        certainty = 0.5 if untried else (failure.fooled_seeds or 0) / (failure.valid_seeds or 1)
         return -certainty, failure.score, failure.sample
 
     return tuple(sorted(listed, key=order))

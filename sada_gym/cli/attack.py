@@ -24,7 +24,6 @@ from sada_gym.cli.console import (
     stop_code,
     stoppable,
     workers_option,
-    wrapped,
 )
 from sada_gym.errors import UserError
 from sada_gym.experiment.names import check_spelling, default_note
@@ -70,8 +69,11 @@ def attack(
         "Whether to find the weaknesses, with 5 % more evaluations, at most 200, but at least 15 "
         "for each rule and 15 elsewhere.",
     ),
-    confirm: int = option(
-        0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
+    confirm: int | None = option(
+        None,
+        "Fresh seeds on which each failure among the samples is tried again.",
+        minimum=0,
+        shown="2, for as many failures as 5 % more evaluations pay for",
     ),
     resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
     no_report: bool = option(False, "Leave report.html out.", "--no-report"),
@@ -160,19 +162,10 @@ def _show_stop(folder: Path) -> None:
 def _show_result(run: Run) -> None:
     from rich.text import Text
 
-    from sada_gym.run.summary import AFR, results_line, title
+    from sada_gym.run.summary import RATES, WHERE, WIDTH, laid_out
 
-    say(title(run.result), lead="[bold]")
-    rows = list(run.rows())
-    indent = 5 + max(len(name) for name, _ in rows)
-    narrow = out.is_terminal and out.width < 2 * indent
-    for name, text in rows:
-        start = f"  {name}".ljust(indent)
-        if out.is_terminal:
-            text = f"\n{wrapped(text, 4)}" if narrow else wrapped(text, indent)[indent:]
-        line = Text(start, style="dim").append(
-            text,
-            "not dim bold" if name in (AFR, "where") or name.startswith("weakness") else "not dim",
-        )
-        out.print(line, soft_wrap=True)
-    say(results_line(run.folder, run.files))
+    width = min(WIDTH, out.width) if out.is_terminal else WIDTH
+    say(run.title, lead="[bold]")
+    for name, lead, text in laid_out([*run.rows(), *run.further()], width):
+        style = "not dim bold" if name in (RATES, WHERE) else "not dim"
+        out.print(Text(lead, style="dim").append(text, style), soft_wrap=True)

@@ -89,8 +89,7 @@ def confirm(
         if failures is None:
             say("No sample of the run fooled the agent.")
             return
-        for name, text in failures.rows():
-            say(f"{name}: {text}")
+        say(failures.again)
         return
     if as_json:
         print_json(found)

@@ -70,8 +70,8 @@ def export(
         return
     failures = sum(case.objective == "failure" for case in suite.test_cases)
     say(
-        f"{failures} failures in {len(suite.groups)} groups and {len(suite.test_cases) - failures} "
-        f"worlds like them that pass: {exported.path}",
+        f"{failures} known failures, and {len(suite.test_cases) - failures} worlds like them that "
+        f"pass: {exported.path}",
         lead="[bold]",
     )
     for number, group in enumerate(suite.groups, 1):
@@ -79,7 +79,7 @@ def export(
         count = sum(case.objective == "failure" for case in inside)
         say(f"  {number}. {group} ({count} failures, {len(inside) - count} passes)")
     if suite.unconfirmed:
-        say(f"{suite.unconfirmed} failures did not repeat on fresh seeds, and are left out.")
+        say(f"{suite.unconfirmed} failures did not fail again on fresh seeds, and are left out.")
 
 
 def _export_domain(runs: list[Path], out: Path, as_json: bool) -> None:

@@ -25,9 +25,9 @@ def report(
     ),
     out_file: Path | None = option(
         None,
-        "The page to write.",
+        "The page to write, or a .png of its first screen, drawn by Chromium.",
         "--out",
-        metavar="FILE.html",
+        metavar="FILE",
         shown="RUN/report.html; of two, RUN/report-OTHER.html",
     ),
     pictures: int | None = option(

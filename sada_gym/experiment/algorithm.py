@@ -33,6 +33,8 @@ from sada_gym.experiment.nominal import (
     COMBINED,
     NominalWorld,
     explore_nominal,
+    how_often,
+    more_episodes,
     most_worlds,
     seeds_within,
 )
@@ -196,11 +198,10 @@ class Algorithm1:
             )
         return mu
 
-    def measure(self, *, explain: bool = False, explore: bool = False) -> RunReport:
+    def measure(self, *, explain: bool = False) -> RunReport:
         """Measure the test samples and the search.
 
-        With `explain` it also says what matters. With `explore` it also plays worlds around the
-        nominal one, if that is known.
+        With `explain` it also says what matters, and explores the nominal world if it is known.
         """
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
@@ -233,7 +234,7 @@ class Algorithm1:
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
             in_use=self._failure_probability(),
-            nominal=self._nominal_world() if explore else None,
+            nominal=self._nominal_world() if explain else None,
             influences=self._influences() if explain else (),
         )
 
@@ -242,9 +243,10 @@ class Algorithm1:
         if nominal is None or not self._protocol.budget:
             return None
         seeds = seeds_within(self._protocol.budget, len(space))
+        more = more_episodes(seeds, self._protocol.budget + self._protocol.samples)
         oracle = Oracle(
             self._evaluator,
-            budget=seeds * (most_worlds(len(space)) + COMBINED),
+            budget=seeds * (most_worlds(len(space)) + COMBINED) + more,
             seed=self.settings.seed,
             stream="validation",
             progress=functools.partial(self._report, "measure"),
@@ -256,10 +258,14 @@ class Algorithm1:
 
         combine = np.random.default_rng(self.settings.seed) if self.application.combines else None
         known = Evaluations.joined([self.queries, self.samples])
-        explored = explore_nominal(
+        found = explore_nominal(
             *(space, nominal, play, known, self._threshold), samples=self.samples, combine=combine
         )
-        return explored.model_copy(update={"played": len(oracle.record)})
+        if not more:
+            return found
+        oracle(np.repeat(nominal[None], more, axis=0))
+        played = oracle.record[np.r_[:seeds, -more:0]]
+        return found.model_copy(update=how_often(played, self._threshold))
 
     def _influences(self) -> tuple[Influence, ...]:
         worlds = Evaluations.joined([self.queries, self.samples]).valid

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from sada_gym.parameters import Mu, ParameterSpace
 
 SEEDS = 3
 """Evaluations of a world; the agent fails there if it fails in most of them."""
+
+EPISODES, _CHEAP = 20, 0.05
+"""The nominal world is played so often where that is at most this share of all evaluations."""
 
 _SHARE = 0.25
 """With one evaluation a world where the search would cost more than this share of the budget."""
@@ -76,7 +80,6 @@ class NominalWorld(Strict):
         nearest: None without any failure.
         combined: None where the application does not ask for it, or the agent fails in the nominal
             world itself.
-        played: The evaluations that all this took beside the budget; None in older files.
     """
 
     parameters: dict[str, float]
@@ -86,7 +89,6 @@ class NominalWorld(Strict):
     smallest: tuple[SmallestChange, ...]
     nearest: NearestFailure | None
     combined: Combined | None = None
-    played: int | None = None
 
 
 def most_worlds(dimension: int) -> int:
@@ -97,6 +99,20 @@ def most_worlds(dimension: int) -> int:
 def seeds_within(budget: int, dimension: int) -> int:
     """Choose how often each world is evaluated in a run with so many training queries."""
     return SEEDS if SEEDS * most_worlds(dimension) <= _SHARE * budget else 1
+
+
+def more_episodes(played: int, evaluations: int) -> int:
+    """Count how often the nominal world is still played in a run of so many evaluations."""
+    return max(0, EPISODES - played) if _CHEAP * evaluations >= EPISODES else 0
+
+
+def how_often(record: Evaluations, threshold: float) -> dict[str, Any]:
+    """Return the figures of a `NominalWorld` by its evaluations."""
+    return {
+        "score": float(record.valid.score.mean()) if len(record.valid) else 0.0,
+        "evaluations": len(record),
+        "fooled": int(record.fooled(threshold).sum()),
+    }
 
 
 def explore_nominal(
@@ -124,9 +140,7 @@ def explore_nominal(
             combined = _combined(space, harmless, play, samples, threshold, combine)
     return NominalWorld(
         parameters=space.describe(nominal),
-        score=float(record.valid.score.mean()) if len(record.valid) else 0.0,
-        evaluations=len(record),
-        fooled=int(record.fooled(threshold).sum()),
+        **how_often(record, threshold),
         smallest=tuple(smallest),
         nearest=_nearest(space, nominal, known.mu[known.fooled(threshold)]),
         combined=combined,

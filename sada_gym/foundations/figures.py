@@ -14,7 +14,9 @@ def number(value: float) -> str:
 def percent(share: float) -> str:
     """Write a share as people read it: `31 %`."""
     percent = 100.0 * share
-    if 0.0 < percent < 0.1:
+    if percent == 0.0:
+        return "0 %"
+    if percent < 0.1:
         return "under 0.1 %"
     # what is not all of them never reads as 100 %
     shown = min(percent, 99.0) if share < 1.0 else percent

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Literal
 from sada_gym.errors import FileError
 from sada_gym.foundations.arrays import Indices
 from sada_gym.foundations.behaviour import Behaviours
+from sada_gym.foundations.figures import percent
 from sada_gym.foundations.files import OneLine, Strict, as_path, read_model
 from sada_gym.measures.rates import Rate
 
@@ -77,9 +77,9 @@ class Failures(Strict):
     Attributes:
         fooled: How many of the valid samples fooled.
         seeds: The number of fresh seeds on which each failure was tried again; 0 for none.
-        confirmed: How many of the failures fooled again on most of their fresh seeds; None without
-            such seeds.
-        confirmed_afr: The same over all samples.
+        confirmed: How many of the failures that were tried again fooled on most of their fresh
+            seeds; None without such seeds.
+        confirmed_afr: The same over all samples up to the last of these failures.
         behaviours: What the agent did in some of them; None where nothing is told.
         groups: The distinct failures, the largest first; those in no weakness come last.
         failures: The failures, the surest first, then those with the lowest score. Of very many
@@ -96,24 +96,24 @@ class Failures(Strict):
     failures: tuple[Failure, ...]
 
     @property
-    def apart(self) -> tuple[FailureGroup, ...]:
-        """The groups, but for the one in no weakness where others lie in one."""
-        return tuple(group for group in self.groups if group.weakness) or self.groups
+    def tried(self) -> int:
+        """How many failures were tried again on fresh seeds."""
+        return sum(failure.valid_seeds is not None for failure in self.failures)
 
-    def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield the name and the text of each finding, as the summary of a run has them."""
-        if self.behaviours is not None:
-            yield "what it does", self.behaviours.sentence
-        if len(self.groups) > 1:
-            sizes = [group.failures for group in self.apart]
-            listed = ", ".join(map(str, sizes[:4])) + (", ..." if len(sizes) > 4 else "")
-            text = f"{len(sizes):,} group{'s' * (len(sizes) > 1)}, of {listed} samples"
-            others = sum(group.failures for group in self.groups) - sum(sizes)
-            yield "distinct failures", f"{text}; {others:,} in no weakness" if others else text
-        if self.confirmed is not None and self.confirmed_afr is not None:
-            again = f"{self.confirmed.fooled} of {self.confirmed.samples} failures fail again"
-            on = "a fresh seed" if self.seeds == 1 else f"most of {self.seeds} fresh seeds"
-            yield "confirmed", f"{again} on {on}: a confirmed rate of {self.confirmed_afr}"
+    @property
+    def again(self) -> str:
+        """How many of the failures fail again on fresh seeds, in words."""
+        if self.confirmed is None or self.confirmed_afr is None:
+            return "failures not yet tried on fresh seeds"
+        count, tried = self.confirmed.fooled, self.confirmed.samples
+        if tried < self.fooled.fooled:
+            return f"{count} of {tried} tried fail again on fresh seeds"
+        on = {1: "a fresh seed", 2: "fresh seeds"}.get(
+            self.seeds, f"most of {self.seeds} fresh seeds"
+        )
+        low, high = self.confirmed_afr.interval_95
+        rate = f"{percent(self.confirmed_afr.rate)} ({100 * low:.0f} to {100 * high:.0f})"
+        return f"{rate} confirmed: {count} of {tried} again on {on}"
 
 
 def read_failures(run: str | Path) -> Failures | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import unquote_to_bytes
@@ -12,6 +13,7 @@ from urllib.parse import unquote_to_bytes
 from typing_extensions import Self
 
 from sada_gym.application import Application
+from sada_gym.errors import FileError
 from sada_gym.foundations.files import MAX_TOML_BYTES, Strict, parse_toml, read_file
 from sada_gym.foundations.ids import names_file
 
@@ -60,6 +62,14 @@ class Given(Strict):
     def path(self) -> Path:
         """Where the TOML file lay."""
         return Path(os.fsdecode(unquote_to_bytes(self.file.removeprefix(_SCHEME))))
+
+    @property
+    def agent(self) -> str:
+        """The agent's name or file as it was given; empty where none was, or Python made it."""
+        given: Any = (self.keywords or {}).get("agent", "")
+        with suppress(FileError):
+            given = parse_toml(self.toml.encode(), self.path).get("agent", given)
+        return given if isinstance(given, str) else ""
 
     def environment(self) -> str | Application:
         """Return what opens it again: the id, the file while it is as it was, or its application.

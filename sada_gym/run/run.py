@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,6 @@ from sada_gym.experiment.record import RunReport, RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.foundations.files import as_path, read_model, shown
 from sada_gym.measures.diagnosis.record import Diagnosis, diagnosed_before
-from sada_gym.measures.diagnosis.summary import rows as weakness_rows
 from sada_gym.measures.failures import Failures, listed_before
 from sada_gym.measures.likelihood import FailureEstimate, estimated_before
 from sada_gym.parameters import ParameterSpace
@@ -37,7 +38,7 @@ from sada_gym.run.folder import (
     read_samples,
 )
 from sada_gym.run.given import Given
-from sada_gym.run.summary import results_line, summary_rows, title
+from sada_gym.run.summary import laid_out, summary_rows, title
 from sada_gym.run.worlds import WORLDS_FILE, read_columns
 
 
@@ -235,21 +236,56 @@ class Run:
         own = keywords.pop("agent", self.target.agent)
         return OpenTarget.of(self.target.track, keywords, agent=agent or own, **options)
 
+    @property
+    def title(self) -> str:
+        """What was attacked, and how."""
+        return title(self.result, self.given.agent)
+
     def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield the name and the text of each finding."""
-        diagnosis, failures = self.diagnosis, self.failures
-        where = () if diagnosis is None else weakness_rows(diagnosis)
-        further = () if failures is None else failures.rows()
+        """Yield the name and the text, of one or more lines, of each finding."""
         yield from summary_rows(
-            self.result, further, where=where, space=self.parameters, likely=self.estimate
+            self.result,
+            diagnosis=self.diagnosis,
+            failures=self.failures,
+            space=self.parameters,
+            likely=self.estimate,
         )
 
+    def further(self) -> Iterator[tuple[str, str]]:
+        """Yield which file to open, and the next two commands, or calls where Python has it."""
+        first = self.files[0].name if self.files else RESULT_FILE
+        yield "open", str(self.folder / first)
+        if commands := list(islice(self.commands(str(self.folder)), 2)):
+            yield "next", "\n".join(commands)
+
+    def commands(self, folder: str) -> Iterator[str]:
+        """Yield what to do next with a run that lies in this folder, the most useful first."""
+        failures, diagnosis = self.failures, self.diagnosis
+        columns = read_columns(self.folder)
+        if failures is None:
+            sizes = self.settings.experiment.protocol
+            if columns is not None and sizes.budget and columns.command:
+                longer = f"--budget {4 * sizes.budget}"
+                yield columns.command.replace(f"--budget {sizes.budget}", longer)
+            return
+        steps = []
+        if failures.confirmed is None:
+            steps.append(("confirm", "--seeds 2", "diagnose", "confirm=2"))
+        if diagnosis is not None and not all(one.is_checked for one in diagnosis.weaknesses):
+            steps.append(("diagnose", "--fresh 200", "diagnose", "fresh=200"))
+        if (self.folder / "fooled.png").is_file():
+            steps.append(("replay", "--out failure.gif", "replay", "out='failure.gif'"))
+        steps.append(("export", "--out suite.json", "export", "out='suite.json'"))
+        for command, options, call, keyword in steps:
+            if self.given.by == "python":
+                yield f"sada_gym.{call}({folder!r}, {keyword}, application=YOURS)"
+            else:
+                yield f"sada-gym {command} {shlex.quote(folder)} {options}"
+
     def __repr__(self) -> str:
-        """Write the summary: how often the agent failed, where, and by which files."""
-        rows = list(self.rows())
-        width = max(len(name) for name, _ in rows)
-        lines = [f"  {name:<{width}}   {text}" for name, text in rows]
-        return "\n".join([title(self.result), *lines, results_line(self.folder, self.files)])
+        """Write the summary: how often the agent fails, where, and what to do next."""
+        lines = laid_out([*self.rows(), *self.further()])
+        return "\n".join([self.title, *(f"{lead}{text}" for _, lead, text in lines)])
 
 
 def load_run(folder: str | Path) -> Run:

@@ -1,9 +1,10 @@
-"""The summary of an attack for people: how often the agent failed, where, and by which files."""
+"""The summary of an attack for people: how often the agent failed, where, and what to do next."""
 
 from __future__ import annotations
 
+import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import FeasibleRate
@@ -11,82 +12,127 @@ from sada_gym.experiment.nominal import Combined, NominalWorld
 from sada_gym.experiment.record import FailureProbability, RunReport
 from sada_gym.foundations.cards import find_card
 from sada_gym.foundations.figures import number, percent, tenths
+from sada_gym.measures.diagnosis.record import Diagnosis
+from sada_gym.measures.diagnosis.summary import rate_text, weakness_lines
+from sada_gym.measures.failures import Failures
 from sada_gym.measures.likelihood import FailureEstimate
-from sada_gym.measures.rates import wilson_interval
+from sada_gym.measures.rates import Rate
 from sada_gym.measures.sensitivity import Influence
 from sada_gym.parameters import ParameterSpace
-from sada_gym.run.folder import RESULT_FILE
 
-AFR = "attack fooling rate"
+WIDTH = 80
+"""Lines of a summary are no longer, unless a word or a command is."""
+RATES, WHERE = "fails in", "where"
 
 _ALL_HELD = 0.995
 _FEW_DRAWS = 30
+_MOST_CHANGES = 2
 
 
-def title(report: RunReport) -> str:
-    """Name a run: what was attacked, and by which adversary."""
-    return f"{report.settings.experiment.target.track} · {report.settings.label}"
+def title(report: RunReport, agent: str = "") -> str:
+    """Name a run: the agent, maybe as it was given, what it acts in, and the adversary."""
+    target = report.settings.experiment.target
+    acting = agent or target.agent or "the agent"
+    return f"{acting} in {target.track}{_world(report)}, attacked by {report.settings.label}"
 
 
 def summary_rows(
     report: RunReport,
-    further: Iterable[tuple[str, str]] = (),
     *,
-    where: Iterable[tuple[str, str]] = (),
+    diagnosis: Diagnosis | None,
+    failures: Failures | None,
     space: ParameterSpace | None = None,
     likely: FailureEstimate | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each finding; `further` ones stand behind where it fails.
+    """Yield the name and the text, of one or more lines, of each finding.
 
-    The rows of a diagnosis say `where`, and an estimate how `likely` a failure is. With the
-    parameters' `space` values are written as people say them: by labels, units and choices.
+    With the parameters' `space` values are written as people say them: by labels, units and
+    choices. An estimate says how `likely` a failure is.
     """
     values = _Values(space)
-    if (world := _world(report)) is not None:
-        yield "environment", world
-    low, high = report.afr_interval_95
-    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
-    samples, invalid = report.settings.experiment.protocol.samples, report.invalid
-    of_samples = f"{report.fooled} of {samples:,} samples"
-    if invalid is not None and invalid.samples:
-        of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
-    yield AFR, f"{tenths(report.afr)} ({interval}), {of_samples}"
-    if report.nominal is not None and report.nominal.combined is not None:
-        yield "combinations", _combined(report.nominal.combined)
-        yield "harmless alone", _harmless(report.nominal, values)
-    yield from where
-    yield from further
+    yield RATES, "\n".join(_rates(report, failures))
+    weaknesses = () if diagnosis is None else diagnosis.weaknesses
+    if diagnosis is not None:
+        yield WHERE, "\n".join(weakness_lines(diagnosis))
+    behaviours = None if failures is None else failures.behaviours
+    if behaviours is not None and all(one.behaviour is None for one in weaknesses):
+        yield "what it does", behaviours.sentence
     if report.influences:
         yield "what matters", _influences(report.influences, values)
-    yield "uniform worlds", _uniform_rate(report)
+    if report.nominal is not None and not report.nominal.fooled * 2 > report.nominal.evaluations:
+        yield "nearest failure", _nearest(report.nominal, values)
+    if report.nominal is not None and report.nominal.combined is not None:
+        yield "combinations", _combined(report.nominal.combined, values)
     if likely is not None:
         yield from likely.rows()
     elif report.in_use is not None:
         yield "in ordinary use", _in_use(report.in_use)
-    if report.nominal is not None:
-        yield "nominal world", _nominal(report.nominal, values)
-        if not report.nominal.fooled * 2 > report.nominal.evaluations:
-            yield "smallest change", _smallest(report.nominal, values)
     if report.feasible is not None:
-        yield "over feasible worlds", _feasible(report.feasible, report.fooled)
-    if report.search.fooling_rate is not None:
-        rate = tenths(report.search.fooling_rate)
-        yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
-    if invalid is not None:
-        yield "invalid worlds", _invalid(invalid, report, values)
-    yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
-    if report.relative_coverage is not None:
-        yield "coverage", f"{tenths(report.relative_coverage)}; ideal samples would be 100 %"
-    if report.novelty is not None:
-        yield "novelty", f"median distance {report.novelty.median:.3f} to the nearest query"
+        yield "feasible worlds", _feasible(report.feasible, report.fooled)
+    if report.invalid is not None:
+        yield "invalid worlds", _invalid(report.invalid, report, values)
     for flag in report.flags:
         yield "warning", flag
 
 
-def results_line(folder: Path, pictures: Iterable[Path]) -> str:
-    """Say where the results lie."""
-    files = [RESULT_FILE, *(path.name for path in pictures)]
-    return f"Results: {folder}/ ({', '.join(files)})"
+def laid_out(rows: Iterable[tuple[str, str]], width: int = WIDTH) -> Iterator[tuple[str, str, str]]:
+    """Yield the lines of rows as a name in the left column, which may be empty, and the text.
+
+    With each line comes its row's name. Texts break between words, commands not at all; in a
+    narrow space they stand below their names.
+    """
+    listed = list(rows)
+    indent = 4 + max(len(name) for name, _ in listed)
+    narrow = width < 2 * indent
+    for name, text in listed:
+        lead = f"  {name}".ljust(indent)
+        if narrow:
+            yield name, lead.rstrip(), ""
+            indent, lead = 4, "    "
+        for line in text.splitlines():
+            inner = " " * (len(line) - len(line.lstrip()))
+            hanging = inner + " " * 3 * bool(re.match(r"\d+\. ", line))
+            wrapped = textwrap.TextWrapper(max(20, width - indent), inner, hanging)
+            wrapped.break_long_words = wrapped.break_on_hyphens = False
+            is_command = line.startswith(("sada-gym ", "sada_gym."))
+            for part in [line] if is_command else wrapped.wrap(line.lstrip()):
+                yield name, lead, part
+                lead = " " * indent
+
+
+def uniform_rate(report: RunReport) -> Rate | None:
+    """Return how often uniform worlds fool the agent; None where it is not known."""
+    reference, uniform = report.settings.experiment.target.reference, report.uniform
+    if reference is not None and reference.points:
+        return Rate.of(round(reference.uniform_rate * reference.points), reference.points)
+    if report.settings.experiment.adversary.name == "random":
+        return attack_rate(report)
+    return Rate.of(uniform.fooled, uniform.worlds) if uniform and uniform.worlds else None
+
+
+def attack_rate(report: RunReport) -> Rate:
+    """Return the attack fooling rate, over the samples in valid worlds."""
+    samples = report.settings.experiment.protocol.samples
+    invalid = 0 if report.invalid is None else report.invalid.samples
+    return Rate.of(report.fooled, max(1, samples - invalid))
+
+
+def _rates(report: RunReport, failures: Failures | None) -> Iterator[str]:
+    nominal, uniform, found = report.nominal, uniform_rate(report), attack_rate(report)
+    if nominal is not None:
+        plural = "" if nominal.evaluations == 1 else "s"
+        often = percent(nominal.fooled / nominal.evaluations)
+        yield f"{often} as it is (nominal, {nominal.evaluations} episode{plural})"
+    if uniform is None:
+        yield "not known of all worlds in the ranges: --adversary random tells"
+    else:
+        text = rate_text(uniform, f"{uniform.samples:,} worlds")
+        yield text.replace(" (", " of all worlds in the ranges (")
+    if report.settings.experiment.adversary.name != "random":
+        text = rate_text(found, f"{found.samples:,} new ones")
+        yield text.replace(" (", f" of worlds that {report.settings.label} makes (")
+    if failures is not None:
+        yield failures.again
 
 
 def _in_use(found: FailureProbability) -> str:
@@ -121,79 +167,54 @@ def _invalid(invalid: InvalidWorlds, report: RunReport, values: _Values) -> str:
     return text
 
 
-def _world(report: RunReport) -> str | None:
+def _world(report: RunReport) -> str:
+    """Name the keywords of a general id, and the track that has them."""
     target = report.settings.experiment.target
     card = find_card(target.application.name)
     if card is None or target.track.rpartition(":")[2] != card.id:
-        return None
+        return ""
     given = target.application.settings
     for suffix, keywords in card.tracks.items():
         if keywords and all(given.get(name) == value for name, value in keywords.items()):
             listed = ", ".join(f"{name}={value}" for name, value in keywords.items())
-            return f"{listed}, as in {card.track_id(suffix)}"
-    return None
-
-
-def _uniform_rate(report: RunReport) -> str:
-    experiment = report.settings.experiment
-    adversary, reference = experiment.adversary.name, experiment.target.reference
-    if reference is not None:
-        return f"{tenths(reference.uniform_rate)} (reference set of {reference.points:,} points)"
-    if adversary == "random":
-        return f"{tenths(report.afr)} (these samples are uniform)"
-    uniform = report.uniform
-    if uniform is None:
-        return "not known: run --adversary random"
-    which = "its" if uniform.worlds == report.search.queries else "the first"
-    rate = tenths(uniform.fooled / uniform.worlds)
-    return f"{rate} ({which} {uniform.worlds:,} training queries are uniform)"
+            return f" ({listed}, as in {card.track_id(suffix)})"
+    return ""
 
 
 def _influences(influences: tuple[Influence, ...], values: _Values) -> str:
     listed = [
-        f"{values.label(influence.parameter)} {100 * influence.total:.0f} % "
-        f"({100 * influence.total_interval[0]:.0f} to {100 * influence.total_interval[1]:.0f})"
-        for influence in influences[:3]
-    ]
-    return f"{', '.join(listed)}: the share of the failures' variance that each takes part in"
-
-
-def _nominal(nominal: NominalWorld, values: _Values) -> str:
-    often = f"fooled {nominal.fooled} of {nominal.evaluations} times"
-    text = f"mean score {nominal.score:.2f}, {often} ({values.world(nominal.parameters)})"
-    if nominal.played is None:
-        return text
-    return f"{text}; {nominal.played:,} evaluations beside the budget were spent around it"
-
-
-def _smallest(nominal: NominalWorld, values: _Values) -> str:
-    alone = [
-        f"{values.text(change.parameter, change.nominal)} to "
-        f"{values.alone(change.parameter, change.value)}"
-        for change in nominal.smallest
-    ]
-    text = f"that alone makes it fail: {', or '.join(alone)}" if alone else "none alone does"
-    if nominal.nearest is None:
-        return text
-    return f"{text}; nearest failure of all worlds: {values.world(nominal.nearest.parameters)}"
-
-
-def _combined(found: Combined) -> str:
-    low, high = wilson_interval(found.fooled, found.worlds)
-    rate = f"{percent(found.fooled / found.worlds)} ({100 * low:.0f} to {100 * high:.0f})"
-    return (
-        f"within amounts of which each alone is harmless, {rate} of {found.worlds} uniform worlds "
-        f"fool, and {found.within} of the {found.failures} failures lie there"
-    )
-
-
-def _harmless(nominal: NominalWorld, values: _Values) -> str:
-    assert nominal.combined is not None
-    listed = [
-        f"{values.text(name, low)} to {values.alone(name, high)}"
-        for name, (low, high) in nominal.combined.harmless.items()
+        f"{values.label(one.parameter)} {'explains ' * (not place)}{100 * one.total:.0f} % "
+        f"({100 * one.total_interval[0]:.0f} to {100 * one.total_interval[1]:.0f})"
+        for place, one in enumerate(influences[:3])
     ]
     return ", ".join(listed)
+
+
+def _nearest(nominal: NominalWorld, values: _Values) -> str:
+    alone = [
+        f"{values.label(change.parameter)} from "
+        f"{values.alone(change.parameter, change.nominal)} to "
+        f"{values.alone(change.parameter, change.value)}"
+        for change in nominal.smallest[:_MOST_CHANGES]
+    ]
+    if alone:
+        return f"{', or '.join(alone)}, and nothing else"
+    if nominal.nearest is None:
+        return "none is known"
+    return f"{values.world(nominal.nearest.parameters)}; no parameter alone does it"
+
+
+def _combined(found: Combined, values: _Values) -> str:
+    alone = [
+        f"{values.text(name, low)} to {values.alone(name, high)}"
+        for name, (low, high) in found.harmless.items()
+    ]
+    return (
+        f"within amounts of which each alone is harmless, "
+        f"{rate_text(Rate.of(found.fooled, found.worlds), f'{found.worlds} worlds')} fail, and "
+        f"{found.within} of the {found.failures} failures lie there\n"
+        f"harmless alone: {', '.join(alone)}"
+    )
 
 
 class _Values:

@@ -1,8 +1,10 @@
 """Every command that the package offers to its users runs as it is written."""
 
 import html
+import os
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -27,19 +29,27 @@ length = [0.25, 1.0]
 AGENT = "def push_right(observation):\n    return 1\n"
 
 
-def run(command):
-    """Run a command as a shell would; return its result."""
+def run(command, folder="."):
+    """Run a command as a shell would, in a folder; return its result."""
     program, *words = shlex.split(command)
     assert program == "sada-gym"
-    result = CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        result = CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+    finally:
+        os.chdir(before)
     assert result.exit_code == 0, result.output
     return result
 
 
 def offered(folder):
     text = (folder / "report.html").read_text(encoding="utf-8")
-    (command,) = re.findall(r'<div class="copy"><pre>(.*?)</pre>', text, re.DOTALL)
-    return html.unescape(command)
+    commands = re.findall(r'<div class="copy"><pre>(.*?)</pre>', text, re.DOTALL)
+    *steps, again = map(html.unescape, commands)
+    for step in steps:
+        run(step, folder.parent)
+    return again
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from toy import Toy
 
 from sada_gym import attack
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.nominal import SEEDS, explore_nominal, most_worlds, seeds_within
+from sada_gym.experiment.nominal import EPISODES, SEEDS, explore_nominal, most_worlds, seeds_within
 from sada_gym.parameters import Parameter, ParameterSpace
 
 SPACE = ParameterSpace(Parameter("mass", 0.0, 10.0, "kg"), Parameter("wind", -4.0, 4.0))
@@ -101,30 +101,11 @@ def test_an_attack_tells_of_the_nominal_world_and_of_what_matters(tmp_path):
     assert {influence.parameter for influence in report.influences} == {*Pole().parameters.names}
     text = str(result)
     assert "what matters " in text
-    assert "nominal world " in text
-    assert f"{report.nominal.played} evaluations beside the budget were spent around it" in text
-    assert report.nominal.evaluations < report.nominal.played <= SEEDS * most_worlds(3)
+    assert "nearest failure " in text
+    assert "as it is (nominal, 1 episode)" in text
     again = attack(Pole(), "memorise", budget=300, samples=50, out=tmp_path, resume=True,
                    pictures=False, progress=False)  # fmt: skip
     assert again.result == report
-
-
-def test_no_world_is_played_around_the_nominal_one_without_a_diagnosis(tmp_path):
-    played = []
-
-    class Counted(Pole):
-        def evaluate_batch(self, mu, seeds):
-            played.extend(seeds)
-            return super().evaluate_batch(mu, seeds)
-
-    keywords = {"budget": 300, "samples": 50, "pictures": False, "progress": False}
-    plain = attack(Counted(), "memorise", out=tmp_path / "plain", diagnose=False, **keywords)
-    assert len(played) == 350
-    assert plain.result.nominal is None
-    assert plain.result.influences
-    whole = attack(Counted(), "memorise", out=tmp_path / "whole", **keywords)
-    assert (plain.samples.score == whole.samples.score).all()
-    assert whole.result.nominal.played > 0
 
 
 def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
@@ -132,6 +113,16 @@ def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
         Toy(), "random", budget=200, samples=50, out=tmp_path, pictures=False, progress=False
     ).result
     assert report.nominal is None
+
+
+@pytest.mark.parametrize(("budget", "episodes"), [(339, 3), (340, EPISODES)])
+def test_where_it_is_cheap_the_nominal_world_is_played_often(tmp_path, budget, episodes):
+    result = attack(
+        Pole(), "random", budget=budget, samples=60, out=tmp_path, pictures=False, progress=False
+    )
+    found = result.result.nominal
+    assert found.evaluations == (episodes if budget == 340 else seeds_within(budget, 3))
+    assert found.score == Pole().evaluate([Pole.nominal], [0]).score[0], "its score has no noise"
 
 
 def test_a_small_budget_pays_for_one_evaluation_a_world():

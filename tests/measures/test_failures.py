@@ -49,11 +49,11 @@ def test_each_failure_is_tried_again_on_seeds_that_nothing_else_used(tmp_path: P
     certainties = [failure.fooled_seeds for failure in failures.failures]
     assert certainties == sorted(certainties, reverse=True)
     text = repr(result)
-    assert f"{confirmed} of {len(failures.failures)} failures fail again on most of 5" in text
+    assert f" confirmed: {confirmed} of {len(failures.failures)} again on most of 5" in text
 
 
 def test_groups_hold_each_failure_once_and_a_representative(tmp_path: Path) -> None:
-    failures = run(tmp_path / "run", env_kwargs={"volume": 0.3}, samples=200).failures
+    failures = run(tmp_path / "run", env_kwargs={"volume": 0.3}, samples=200, confirm=0).failures
     assert len(failures.groups) >= 4, "there are four regions"
     for number, group in enumerate(failures.groups, 1):
         inside = [failure.sample for failure in failures.failures if failure.group == number]
@@ -82,6 +82,33 @@ def test_more_seeds_ask_only_for_the_further_ones(
     assert confirm_failures(tmp_path / "run", 5) == found
     assert confirm_failures(tmp_path / "run", 0) == found, "what is known is not thrown away"
     assert run(tmp_path / "run", env_kwargs=NOISY, confirm=5, resume=True).failures == found
+
+
+def test_by_default_as_many_failures_are_tried_again_as_is_cheap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = run(tmp_path / "few", env_kwargs=NOISY, samples=60)
+    assert (few.failures.seeds, few.failures.tried) == (0, 0)
+    assert "not yet tried on fresh seeds" in repr(few)
+    assert f"sada-gym confirm {tmp_path / 'few'} --seeds 2" in repr(few)
+    result = run(tmp_path / "run", env_kwargs=NOISY, samples=400)
+    found = result.failures
+    assert found.tried == 400 * 0.05 // 2 < found.fooled.fooled
+    rows = sorted(failure.sample for failure in found.failures if failure.valid_seeds is not None)
+    assert rows == np.flatnonzero(result.samples.fooled(0.3))[:10].tolist()
+    assert (found.confirmed.samples, found.confirmed_afr.samples) == (10, rows[-1] + 1)
+    assert f"{found.confirmed.fooled} of 10 failures that were tried again" in repr(result)
+
+    def fail(*_: Any) -> Evaluated:
+        raise AssertionError("nothing is to be evaluated")
+
+    (tmp_path / "run" / FAILURES_FILE).unlink()
+    commit = EvaluationStore.commit
+    monkeypatch.setattr(EvaluationStore, "commit", fail)
+    assert run(tmp_path / "run", env_kwargs=NOISY, samples=400, resume=True).failures == found
+    monkeypatch.setattr(EvaluationStore, "commit", commit)
+    whole = run(tmp_path / "run", env_kwargs=NOISY, samples=400, resume=True, confirm=2).failures
+    assert whole.tried == whole.fooled.fooled == len(whole.failures)
 
 
 def test_a_stopped_confirmation_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,7 @@ from sada_gym.analyses.plots.style import (
     places,
     png,
     span,
+    svg,
     tidy,
 )
 from sada_gym.application import Application
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 MAX_PARAMETERS = 16
 """Parameters in the picture of marginals."""
 
+FOR_PAGES = ("sphere.png", "curves.png", "influence.png")
+"""What a report shows, too: these are drawn as SVG as well."""
 _BINS = 20
 _COLUMNS = 6
 _BAR = 0.8
@@ -87,6 +90,8 @@ def draw_attack(
         figures["sphere.png"] = sphere(space, samples, threshold)
     for name, figure in figures.items():
         write_file(folder / name, png(figure))
+        if name in FOR_PAGES:
+            write_file((folder / name).with_suffix(".svg"), svg(figure))
     names = [*figures]
     if samples.fooled(threshold).any():
         try:

@@ -11,6 +11,7 @@ from sada_gym.analyses.plots.style import (
     FOOLED,
     UNHURT,
     axis_label,
+    near_whole,
     new_figure,
     places,
     span,
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 MAX_CURVES = 7
 """Parameters whose curves are drawn, those that matter most."""
+_MOST_APART = 12
+"""So many choices or whole numbers are drawn one by one."""
 
 
 @own_style()
@@ -65,13 +68,22 @@ def influence(
 def _draw_curve(axes: Axes, space: ParameterSpace, model: FailureModel, row: Influence) -> None:
     i = space.names.index(row.parameter)
     parameter = space.parameters[i]
-    mu, (mean, low, high) = model.curve(i)
-    values = _physical(space, i, mu)
-    axes.fill_between(values, 100 * low, 100 * high, color=ACCENT, alpha=0.2, linewidth=0)
-    axes.plot(values, 100 * mean, color=ACCENT, linewidth=1.6)
+    mu, bands = model.curve(i)
+    mean, low, high = bands
+    values, count = _physical(space, i, mu), parameter.count
+    if 0 < count <= _MOST_APART:
+        cells = np.minimum(((mu + 1.0) / 2.0 * count).astype(int), count - 1)
+        parts = [cells == k for k in range(count)]
+        mean, low, high = (np.array([row[part].mean() for part in parts]) for row in bands)
+        values = _physical(space, i, (2.0 * np.arange(count) + 1.0) / count - 1.0)
+        axes.vlines(values, 100 * low, 100 * high, color=ACCENT, alpha=0.4, linewidth=5)
+        axes.plot(values, 100 * mean, color=ACCENT, linewidth=0, marker="o")
+    else:
+        axes.fill_between(values, 100 * low, 100 * high, color=ACCENT, alpha=0.2, linewidth=0)
+        axes.plot(values, 100 * mean, color=ACCENT, linewidth=1.6)
     axes.set_ylim(0, 100)
     axes.set_xlabel(axis_label(parameter))
-    axes.set_title(f"takes part in {100 * row.total:.0f} %", loc="left", fontsize=9, color=MUTED)
+    axes.set_title(f"explains {100 * row.total:.0f} %", loc="left", fontsize=9, color=MUTED)
     tidy(axes, grid="y")
     span(axes, "x", parameter)
 
@@ -83,6 +95,7 @@ def _draw_map(
     mu, mean = model.map(i, j)
     x, y = _physical(space, i, mu), _physical(space, j, mu)
     mesh = axes.pcolormesh(x, y, 100 * mean, cmap="cividis", vmin=0, vmax=100, shading="gouraud")
+    mesh.set_rasterized(True)
     bar = axes.figure.colorbar(mesh, ax=axes, shrink=0.9)
     bar.outline.set_visible(False)
     bar.set_label("P(failure) (%)")
@@ -102,8 +115,13 @@ def _draw_samples(
 ) -> None:
     values, fooled = space.physical(samples.mu), samples.fooled(threshold)
     i, j = (space.names.index(row.parameter) for row in shown[:2])
-    x, y = (places(space.parameters[k], values[:, k]) for k in (i, j))
-    for rows, colour, marker in ((~fooled, UNHURT, "o"), (fooled, FOOLED, "^")):
+    x, y = (
+        places(space.parameters[k], near_whole(space.parameters[k], values[:, k])) for k in (i, j)
+    )
+    for rows, colour, marker, name in (
+        (~fooled, UNHURT, "o", "sample that passes"),
+        (fooled, FOOLED, "^", "that fails"),
+    ):
         axes.scatter(
             x[rows],
             y[rows],
@@ -113,9 +131,18 @@ def _draw_samples(
             edgecolors="white",
             linewidths=0.4,
             clip_on=False,
+            label=name,
         )
-    said = "triangles: samples that fool; discs: others"
-    axes.set_title(said, loc="left", fontsize=9, color=MUTED)
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderpad=0.0,
+        ncols=2,
+        frameon=False,
+        fontsize=8,
+        handletextpad=0.1,
+        columnspacing=0.8,
+    )
 
 
 def _physical(space: ParameterSpace, i: int, mu: Floats) -> Floats:

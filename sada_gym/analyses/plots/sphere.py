@@ -56,8 +56,8 @@ def sphere(space: ParameterSpace, samples: Evaluations, threshold: float) -> Fig
 def _scatter(axes: PolarAxes, azimuth: Floats, pitch: Floats, fooled: Bools) -> None:
     angle, radius = np.radians(azimuth), _radius(pitch)
     for rows, colour, marker, size, name in (
-        (~fooled, UNHURT, "o", 12, "do not fool the agent"),
-        (fooled, FOOLED, "^", 18, "fool the agent"),
+        (~fooled, UNHURT, "o", 12, "passes"),
+        (fooled, FOOLED, "^", 18, "fails"),
     ):
         axes.scatter(
             angle[rows],

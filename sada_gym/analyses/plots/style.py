@@ -18,6 +18,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOOLED, UNHURT, OMEGA, ACCENT = VERMILLION, SKY, "#a9b4c0", INK
+_THEME = {
+    INK: ("ink", "#e6e8ea"),
+    MUTED: ("soft", "#a3adb7"),
+    GRID: ("line", "#353c44"),
+    "#ffffff": ("card", "#1b1f24"),
+    VERMILLION: ("fails", "#ff9351"),
+    SKY: ("passes", "#6cc0f5"),
+}
+"""What a light page's colours are called, and what they become on a dark one."""
 _BINS = 20
 _SHORT_NAMES = 16
 """Letters of all names of choices that fit below an axis without being turned."""
@@ -40,6 +49,23 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+@own_style()
+def svg(figure: Figure) -> bytes:
+    """Return a figure as the bytes of an SVG file that is light or dark as its reader's page is."""
+    import matplotlib as mpl
+
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "sada-gym"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150)
+    text = buffer.getvalue().decode()
+    for colour, (name, _) in _THEME.items():
+        text = text.replace(colour, f"var(--{name})")
+    light = "".join(f"--{name}:{colour};" for colour, (name, _) in _THEME.items())
+    dark = "".join(f"--{name}:{colour};" for name, colour in _THEME.values())
+    style = f"<style>:root{{{light}}}text{{fill:var(--ink)}}@media(prefers-color-scheme:dark)"
+    return text.replace("<defs>", f"{style}{{:root{{{dark}}}}}</style><defs>", 1).encode()
+
+
 def axis_label(parameter: Parameter) -> str:
     """Write a parameter as people read it: its name, and its unit in brackets."""
     unit = "°" if parameter.unit == "deg" else parameter.unit
@@ -53,6 +79,11 @@ def _plain(text: str) -> str:
 def places(parameter: Parameter, values: Floats) -> Floats:
     """Return where physical values of a parameter stand on an axis that `span` made."""
     return parameter.shares(values) if parameter.log else values
+
+
+def near_whole(parameter: Parameter, values: Floats) -> Floats:
+    """Move physical values of whole numbers close to these, so that marks do not hide others."""
+    return np.floor(values + 0.5) * 0.7 + values * 0.3 if parameter.whole else values
 
 
 def span(axes: Axes, side: Literal["x", "y"], parameter: Parameter) -> None:

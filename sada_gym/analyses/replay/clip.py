@@ -37,7 +37,7 @@ def make_clip(application: Application, mu: Mu, seed: int, seconds: float) -> Cl
     Raises:
         UserError: If `replay` or `render` of the application does not return what it should.
     """
-    if _has_takes(application):
+    if has_takes(application):
         takes, score = application.takes(mu, seed)  # type: ignore[attr-defined]
     else:
         takes, score = _replayed(application, mu, seed)
@@ -62,7 +62,7 @@ def make_clip(application: Application, mu: Mu, seed: int, seconds: float) -> Cl
     return Clip(shots, score)
 
 
-def _has_takes(application: Application) -> bool:
+def has_takes(application: Application) -> bool:
     """Say whether it tells its episodes apart; a `replay` that a user overrides goes first."""
     kinds = (vars(kind) for kind in type(application).__mro__)
     return "takes" in next(kind for kind in kinds if "takes" in kind or "replay" in kind)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +21,15 @@ from sada_gym.analyses.report.thumbnails import draw, picture_of, sample
 from sada_gym.analyses.report.views import RunView
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, check_integer
-from sada_gym.foundations.files import as_path, write_file
+from sada_gym.foundations.files import as_path, shown, write_file
 from sada_gym.foundations.frames import Frame
 from sada_gym.run import Run
 from sada_gym.run.folder import REPORT_FILE
 from sada_gym.run.run import as_run
 
 MAX_PICTURES = 2_000
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_SCREEN = "--window-size=1400,900"
 
 
 def report_attack(
@@ -71,7 +76,8 @@ def report(
     Args:
         run: A run, or its folder.
         other: A second one.
-        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html of two.
+        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html of two. Of a
+            name that ends in .png it is a picture of the first screen, if Chromium is installed.
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
             opens what the run names, if it is needed and can be.
         pictures: How many worlds to draw beside those of the first screen; None draws as many as
@@ -97,5 +103,26 @@ def report(
         views.append(view)
     name = REPORT_FILE if other is None else f"report-{runs[1].name}.html"
     path = runs[0].folder / name if out is None else as_path(out, "the report")
-    write_file(path, page(*views))
+    content = page(*views)
+    write_file(path, first_screen(content) if path.suffix.lower() == ".png" else content)
     return path
+
+
+def first_screen(content: bytes) -> bytes:
+    """Return the top of a page as a PNG, which Chromium draws; a UserError where there is none."""
+    program = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if program is None:
+        raise UserError(
+            f"Expected a browser that draws a PNG, got none of {', '.join(_BROWSERS)}. Install "
+            "Chromium, such as by apt-get install chromium, or name a file that ends in .html."
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        source, made = Path(folder) / "page.html", Path(folder) / "page.png"
+        source.write_bytes(content)
+        words = [program, "--headless", "--no-sandbox", "--hide-scrollbars", _SCREEN,
+                 f"--user-data-dir={folder}", f"--screenshot={made}", source.as_uri()]  # fmt: skip
+        done = subprocess.run(words, capture_output=True, check=False, timeout=120)
+        if done.returncode or not made.is_file():
+            reason = shown(done.stderr.decode(errors="replace")[-200:])
+            raise UserError(f"Expected a picture of the page from {program}, got: {reason}")
+        return made.read_bytes()

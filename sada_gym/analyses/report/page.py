@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.analyses.report.paired import different_settings, pair
+from sada_gym.analyses.report.paired import compare, different_settings
 from sada_gym.analyses.report.thumbnails import fitting, sample
 from sada_gym.analyses.report.views import RunView, data_uri
 from sada_gym.evaluations import Evaluations
@@ -43,7 +43,7 @@ def page(view: RunView, other: RunView | None = None) -> bytes:
             replace(one, pictures=fitting(one.pictures, 2), letter=letter)
             for one, letter in ((view, "A"), (other, "B"))
         ]
-        more = {"paired": pair(*views), "differences": different_settings(*views)}
+        more = {"compared": compare(*views), "differences": different_settings(*views)}
     data = [_plotted(view, len(views)) for view in views]
     style, script = (_static(name) for name in ("report.css", "report.js"))
     policy = (

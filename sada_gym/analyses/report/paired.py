@@ -2,52 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from sada_gym.analyses.report.views import RunView
 from sada_gym.evaluations import Evaluations
+from sada_gym.foundations.figures import number, percent
+from sada_gym.measures.rates import FoolingRate, Rate, lead_interval
 
 
-@dataclass(frozen=True)
-class Paired:
-    """How two agents, or one agent twice, did in worlds that both runs evaluated.
+def compare(first: RunView, second: RunView) -> str:
+    """Say in a sentence which of two runs, A and B, fails more often, by how much, and how sure.
 
-    Attributes:
-        p_value: McNemar's exact test of whether both fail equally often; None where no world tells
-            them apart.
+    Where both evaluated worlds of the same mu and seed, these are compared; worlds of different
+    parameters or ranges are different worlds. Else it is the rates of the adversaries' worlds.
     """
+    pairs: list[tuple[bool, bool]] = []
+    if first.columns.parameters == second.columns.parameters:
+        ours, theirs = (_verdicts(run) for run in (first, second))
+        pairs = [(ours[key], theirs[key]) for key in ours.keys() & theirs.keys()]
+    if pairs:
+        rates = [Rate.of(sum(fails), len(pairs)) for fails in zip(*pairs, strict=True)]
+        low, high = _paired_interval(pairs)
+        where = f"of the {len(pairs):,} worlds that both runs evaluated"
+        more = "fails more often", "both fail about equally often as far as these worlds tell"
+    else:
+        rates = [first.afr.rate, second.afr.rate]
+        low, high = lead_interval(*map(_fooling_rate, rates))
+        where = "of the worlds that its adversary makes"
+        more = "is attacked more successfully", "neither attack is clearly stronger"
+    one, other = (percent(rate.rate) for rate in rates)
+    points = 100 * (rates[0].rate - rates[1].rate)
+    letter = "A" if low > 0 else "B"
+    verdict = f"{letter} {more[0]}" if low > 0 or high < 0 else more[1]
+    return (
+        f"A fails in {one} {where}, B in {other}: a difference of {number(abs(points))} points "
+        f"(95 % interval of A less B {number(100 * low)} to {number(100 * high)}), so {verdict}."
+    )
 
-    worlds: int
-    both: int
-    first_alone: int
-    second_alone: int
-    p_value: float | None
+
+def _paired_interval(pairs: Sequence[tuple[bool, bool]]) -> tuple[float, float]:
+    """Return the 95 % interval of a difference of paired rates (Bonett and Price 2012)."""
+    count = len(pairs) + 2
+    first, second = ((pairs.count(one) + 1) / count for one in ((True, False), (False, True)))
+    lead = first - second
+    margin = 1.96 * ((first + second - lead**2) / count) ** 0.5
+    return max(-1.0, lead - margin), min(1.0, lead + margin)
 
 
-def pair(first: RunView, second: RunView) -> Paired | None:
-    """Compare two runs in the worlds of the same mu and seed; None where there are none.
-
-    Worlds of different parameters or ranges are different worlds.
-    """
-    if first.columns.parameters != second.columns.parameters:
-        return None
-    ours, theirs = (_verdicts(run) for run in (first, second))
-    common = ours.keys() & theirs.keys()
-    if not common:
-        return None
-    pairs = [(ours[key], theirs[key]) for key in common]
-    alone = pairs.count((True, False)), pairs.count((False, True))
-    return Paired(len(pairs), pairs.count((True, True)), *alone, _mcnemar(*alone))
-
-
-def _mcnemar(first: int, second: int) -> float | None:
-    from scipy.stats import binomtest
-
-    return float(binomtest(first, first + second).pvalue) if first + second else None
+def _fooling_rate(rate: Rate) -> FoolingRate:
+    return FoolingRate(rate.fooled, rate.samples, rate.rate, *rate.interval_95)
 
 
 def _verdicts(run: RunView) -> dict[tuple[bytes, int], bool]:

@@ -135,7 +135,10 @@ def with_pictures(view: RunView, drawn: Mapping[str, bytes]) -> dict[str, bytes]
 def missing_pictures(view: RunView, wanted: int | None = None) -> list[PicturedWorld]:
     """List the worlds whose pictures are missing: of the first screen, and `wanted` others."""
     wanted = usual_count(len(view.samples) + len(view.queries)) if wanted is None else wanted
-    worlds = [world for worlds in highlights(view) for world in worlds]
+    worlds = []
+    for shown in highlights(view):
+        lacking = {world.is_film for world in shown if world.key not in view.pictures}
+        worlds += shown if lacking == {True, False} else []
     worlds += spread(view.samples, view.target.fooling_threshold, wanted)
     unique = {world.key: world for world in worlds}
     return [world for key, world in unique.items() if key not in view.pictures]

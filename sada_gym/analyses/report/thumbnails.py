@@ -7,12 +7,13 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from sada_gym.analyses.replay.clip import has_takes
 from sada_gym.application import Application, isolated_rng
 from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import Floats32
@@ -23,30 +24,33 @@ THUMBNAILS_FILE = "thumbnails.zip"
 
 _WIDTH, _HEIGHT, _QUALITY = 560, 480, 68
 _METHOD = 2  # 4, the default, takes twice as long for 4 % fewer bytes
-_PLOT_METHODS = 0, 4  # the second takes six times as long for half of the bytes, or less
+_FRAMES, _FRAME_WIDTH, _GAP = 5, 260, 128  # of a film strip
 _MOST_BYTES = 4_000_000
 """The most bytes of pictures: a report of one run or two, which writes them as text, a third
 longer, stays below 10 MB with its plots and numbers."""
-_MOST_PLOT_BYTES = 400_000
 _MOST_DRAWN, _SHARE = 24, 50
 """An attack draws a further picture for so many evaluations each, and not more than 24."""
 
 
 @dataclass(frozen=True, eq=False)
 class PicturedWorld:
-    """A world that was evaluated: mu, (d,), its seed, Q, and its row among the samples, if any."""
+    """A world that was evaluated: mu, (d,), its seed, Q, and its row among the samples, if any.
+
+    Its picture is a frame, or a strip of frames of its episode.
+    """
 
     mu: Floats32
     seed: int
     score: float
     row: int | None = None
+    is_film: bool = False
 
     @property
     def key(self) -> str:
-        """The name of its picture."""
+        """The name of its picture, or of its film strip."""
         mu = np.ascontiguousarray(self.mu, "<f4").tobytes()
         seed = self.seed.to_bytes(8, "little", signed=True)
-        return hashlib.blake2b(mu + seed, digest_size=8).hexdigest()
+        return hashlib.blake2b(mu + seed, digest_size=8).hexdigest() + "-film" * self.is_film
 
 
 def sample(samples: Evaluations, row: int) -> PicturedWorld:
@@ -54,27 +58,23 @@ def sample(samples: Evaluations, row: int) -> PicturedWorld:
     return PicturedWorld(samples.mu[row], int(samples.seed[row]), float(samples.score[row]), row)
 
 
-def picture_of(frame: Frame) -> bytes:
+def picture_of(frame: Frame, width: int = _WIDTH) -> bytes:
     """Return a frame as a small WebP."""
     image, buffer = Image.fromarray(frame), io.BytesIO()
-    image.thumbnail((_WIDTH, _HEIGHT))
+    image.thumbnail((width, _HEIGHT))
     image.save(buffer, "webp", quality=_QUALITY, method=_METHOD)
     return buffer.getvalue()
 
 
-def plot_of(path: Path) -> bytes | None:
-    """Return a plot of the run as a WebP without losses; None where it is missing or damaged."""
-    try:
-        with Image.open(path) as image:
-            pixels = image.convert("RGB")
-        for method in _PLOT_METHODS:
-            buffer = io.BytesIO()
-            pixels.save(buffer, "webp", lossless=True, method=method)
-            if buffer.tell() <= _MOST_PLOT_BYTES:
-                return buffer.getvalue()
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        pass
-    return None
+def strip_of(application: Application, world: PicturedWorld) -> bytes:
+    """Return a film strip of a world's episode as a small WebP: of several, one that failed."""
+    takes, _ = application.takes(world.mu, world.seed)  # type: ignore[attr-defined]
+    take = next((take for take in takes if take.failed), takes[0])
+    steps = np.linspace(0, take.count - 1, min(_FRAMES, take.count)).round().astype(int)
+    frames = [as_frame(take.draw(step)[0], application.name) for step in steps.tolist()]
+    gap = np.full((len(frames[0]), max(1, frames[0].shape[1] // 60), 3), _GAP, np.uint8)
+    parts = [part for frame in frames for part in (gap, frame)][1:]
+    return picture_of(np.concatenate(parts, axis=1), _FRAMES * _FRAME_WIDTH)
 
 
 def read_thumbnails(folder: Path) -> dict[str, bytes]:
@@ -123,15 +123,21 @@ def draw(
     `on_progress` is called after each with the numbers of pictures drawn and of all.
     """
     drawn: dict[str, bytes] = {}
-    if not worlds or not application.can_render:
+    films = [world for world in worlds if world.is_film] if has_takes(application) else []
+    filmed = {replace(world, is_film=False).key for world in films}
+    single = [world for world in worlds if not world.is_film and world.key not in filmed]
+    if not application.can_render or not (count := len(films) + len(single)):
         return drawn
-    mu, seeds = np.stack([world.mu for world in worlds]), [world.seed for world in worlds]
     try:
         with isolated_rng(application):
-            frames = application.render_batch(mu, seeds)
-            for world, frame in zip(worlds, frames, strict=True):
+            for world in films:
+                drawn[world.key] = strip_of(application, world)
+                on_progress(len(drawn), count)
+            mu = np.array([world.mu for world in single]).reshape(-1, len(worlds[0].mu))
+            frames = application.render_batch(mu, [world.seed for world in single])
+            for world, frame in zip(single, frames, strict=True):
                 drawn[world.key] = picture_of(as_frame(frame, application.name))
-                on_progress(len(drawn), len(worlds))
+                on_progress(len(drawn), count)
     except Exception:  # a user's code: the sheet of failures tells what is wrong with it
         return drawn
     return drawn

@@ -6,60 +6,65 @@ import base64
 import shlex
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
+from sada_gym.analyses.plots.attack import FOR_PAGES
 from sada_gym.analyses.plots.failure_choice import choose_failures
-from sada_gym.analyses.report.thumbnails import PicturedWorld, plot_of, sample
-from sada_gym.evaluations import Evaluations
+from sada_gym.analyses.report.thumbnails import PicturedWorld, sample
+from sada_gym.evaluations import Evaluations, fools
 from sada_gym.experiment.record import Protocol, RunReport, RunSettings
 from sada_gym.experiment.target import Target
+from sada_gym.foundations.cards import find_card
 from sada_gym.foundations.figures import percent
 from sada_gym.measures.diagnosis.record import Condition, Diagnosis, Example, Rate, Weakness
-from sada_gym.measures.diagnosis.summary import rate_text
-from sada_gym.measures.diagnosis.summary import rows as weakness_rows
+from sada_gym.measures.diagnosis.summary import figures
 from sada_gym.measures.failures import Failures
 from sada_gym.parameters import ParameterSpace
 from sada_gym.run import Run
-from sada_gym.run.summary import summary_rows
+from sada_gym.run.folder import SETTINGS_FILE
+from sada_gym.run.summary import RATES, WHERE, uniform_rate
 from sada_gym.run.worlds import (
     ParameterColumn,
     WorldColumns,
     parameters_of,
-    weakness_of,
     write_worlds,
 )
 
-_EACH = 3  # pictures of a weakness
+_EACH = 2  # failures of a weakness that are pictured
+_MOST_PLOT_BYTES = 1_000_000
 _MOST_VALUES, _MOST_TOLD = 8, 110
-_PLOTS = {
-    "sphere.png": "The samples around the object, seen from above",
-    "curves.png": "Over the episode: the band of the worlds that fail, and of those that pass",
-    "influence.png": "The chance of failing along each parameter, and a map of the two that matter "
-    "most with the samples on it",
-}
+_PLOTS = (
+    "The samples around the object, seen from above",
+    "Over the episode: the band of the worlds that fail, and of those that pass",
+    "The chance of failing along each parameter, and a map of the two that matter most with the "
+    "samples on it",
+)
 
 
 @dataclass(frozen=True)
 class NamedRate:
-    """A line of the chart of rates."""
+    """A line of the chart of rates; `found` marks those of worlds that the adversary made."""
 
     name: str
     rate: Rate
     note: str
+    found: bool = False
 
     @property
     def text(self) -> str:
         """The rate as people read it."""
-        return f"{100 * self.rate.rate:.1f} %"
+        return percent(self.rate.rate)
 
     @property
     def interval(self) -> str:
         """Its interval as people read it."""
         low, high = self.rate.interval_95
-        return f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
+        return f"95 % interval {100 * low:.0f} to {100 * high:.0f}"
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ class ReportPicture:
     """A picture on the first screen, with the physical values of its world.
 
     `told` says what the agent did there, and `brief` its beginning; both are empty where that is
-    not known.
+    not known. A film strip has several pictures of an episode.
     """
 
     key: str
@@ -75,6 +80,7 @@ class ReportPicture:
     title: str
     values: tuple[str, ...]
     told: str
+    is_film: bool = False
 
     @property
     def brief(self) -> str:
@@ -187,31 +193,49 @@ class RunView:
         """The attack fooling rate."""
         valid = self.samples.valid
         fooled = int(valid.fooled(self.target.fooling_threshold).sum())
-        note = f"{fooled:,} of {len(valid):,} new worlds"
-        return NamedRate(f"worlds of {self.adversary}", Rate.of(fooled, max(1, len(valid))), note)
+        name = f"worlds that {self.adversary} makes"
+        rate = Rate.of(fooled, max(1, len(valid)))
+        return NamedRate(name, rate, f"{len(valid):,} new ones", found=True)
 
     @cached_property
-    def uniform(self) -> NamedRate | None:
-        """How often uniform worlds fool the agent; None where it is not known."""
-        name, result, reference = "uniform worlds", self.result, self.target.reference
-        if reference is not None and reference.points:
-            rate = Rate.of(round(reference.uniform_rate * reference.points), reference.points)
-            return NamedRate(name, rate, f"{reference.points:,} worlds of the reference set")
-        if result is None or result.uniform is None or not result.uniform.worlds:
-            return None
-        found = result.uniform
-        note = f"{found.fooled:,} of {found.worlds:,} training queries"
-        return NamedRate(name, Rate.of(found.fooled, found.worlds), note)
+    def rates(self) -> tuple[NamedRate, ...]:
+        """The lines of the chart: as it is, in all worlds, in the adversary's, and again."""
+        lines, result, failures = [], self.result, self.failures
+        if result is not None and (nominal := result.nominal) is not None:
+            rate = Rate.of(nominal.fooled, nominal.evaluations)
+            lines.append(NamedRate("as it is", rate, f"{nominal.evaluations} nominal episodes"))
+        if result is not None and (even := uniform_rate(result)) is not None:
+            lines.append(NamedRate("all worlds in the ranges", even, f"{even.samples:,} worlds"))
+        lines.append(self.afr)
+        if failures is not None and failures.confirmed is not None:
+            note = f"{failures.confirmed.samples} failures, on {failures.seeds} seeds each"
+            lines.append(NamedRate("of these, again", failures.confirmed, note, found=True))
+        return tuple(lines)
 
     @property
-    def rates(self) -> tuple[NamedRate, ...]:
-        """The lines of the chart."""
-        return (self.afr,) if self.uniform is None else (self.afr, self.uniform)
+    def agent(self) -> str:
+        """The agent's name or file."""
+        return self.run.given.agent or self.target.agent or "the agent"
+
+    @property
+    def title(self) -> str:
+        """What the page is about, such as `Object detection: where photographer fails`."""
+        card = find_card(self.target.application.name)
+        where = f"where {self.agent} fails"
+        return f"W{where[1:]}" if card is None else f"{card.title}: {where}"
+
+    @property
+    def date(self) -> str:
+        """The day on which the run began, of which the folder alone knows."""
+        moment = (self.run.folder / SETTINGS_FILE).stat().st_mtime
+        return f"{datetime.fromtimestamp(moment, timezone.utc):%d %B %Y}".lstrip("0")
 
     @property
     def sentence(self) -> str:
-        """The diagnosis in a sentence; empty where there is none."""
-        return "" if self.diagnosis is None else self.diagnosis.sentence
+        """What was found, in a sentence or two."""
+        if self.diagnosis is not None:
+            return self.diagnosis.sentence
+        return f"Fails in {self.afr.text} of the {self.afr.name}."
 
     @cached_property
     def findings(self) -> tuple[ShownWeakness, ...]:
@@ -220,7 +244,9 @@ class RunView:
         for number, worlds in enumerate(highlights(self)):
             rule = self.rules[number] if self.rules else ()
             first = parameters_of(rule)
-            pictures = tuple(self._picture(world, first) for world in worlds if self._has(world))
+            films = [world for world in worlds if world.is_film and self._has(world)]
+            chosen = films or [world for world in worlds if self._has(world)]
+            pictures = tuple(self._picture(world, first) for world in chosen)
             text = " and ".join(condition.text for condition in rule)
             sentences: tuple[str, ...] = ()
             if diagnosis is not None and diagnosis.weaknesses:
@@ -239,19 +265,12 @@ class RunView:
     @cached_property
     def plots(self) -> tuple[tuple[str, str], ...]:
         """What the run's plots show of where it fails, and their sources; those that there are."""
-        found = ((text, plot_of(self.run.folder / name)) for name, text in _PLOTS.items())
-        return tuple((text, data_uri(plot)) for text, plot in found if plot is not None)
-
-    @property
-    def more(self) -> list[tuple[str, str]]:
-        """What the agent does in its failures, and how sure they are."""
-        return [] if self.failures is None else list(self.failures.rows())
-
-    @property
-    def likely(self) -> list[tuple[str, str]]:
-        """How likely a failure is in ordinary use, where that was estimated."""
-        found = self.run.estimate
-        return [] if found is None else [*found.rows()][:1]
+        found = []
+        for name, text in zip(FOR_PAGES, _PLOTS, strict=True):
+            path = (self.run.folder / name).with_suffix(".svg")
+            if path.is_file() and path.stat().st_size <= _MOST_PLOT_BYTES:
+                found.append((text, data_uri(path.read_bytes(), "svg+xml")))
+        return tuple(found)
 
     @property
     def order(self) -> list[str]:
@@ -264,13 +283,14 @@ class RunView:
 
     @property
     def figures(self) -> list[tuple[str, str]]:
-        """The lines of the attack's summary; none where result.json cannot be read."""
-        if self.result is None:
-            return []
-        diagnosis = self.diagnosis
-        where = () if diagnosis is None else weakness_rows(diagnosis)
-        rows = summary_rows(self.result, where=where, space=self.space, likely=self.run.estimate)
-        return list(rows)
+        """The rows of the attack's summary that stand nowhere else on the page."""
+        rows = [] if self.result is None else [*self.run.rows()]
+        return [(name, text) for name, text in rows if name not in (RATES, WHERE)]
+
+    @property
+    def steps(self) -> list[str]:
+        """What to do next: two commands."""
+        return [] if self.result is None else [*islice(self.run.commands(self.run.name), 2)]
 
     @property
     def versions(self) -> dict[str, str]:
@@ -296,9 +316,10 @@ class RunView:
         return world.key in self.pictures
 
     def _picture(self, world: PicturedWorld, first: Sequence[str]) -> ReportPicture:
-        place = "" if world.row is None else f"Sample {world.row}: "
+        place = "" if world.row is None else f"sample {world.row}, "
         told = self.told.get(-1 if world.row is None else world.row, "")
-        title = f"{place}Q = {world.score:.2f}"
+        fails = fools(world.score, self.target.fooling_threshold)
+        title = f"{'Fails' if fails else 'Passes'}: {place}Q = {world.score:.2f}"
         space = self.space
         texts = {
             parameter.name: parameter.text(value)
@@ -311,24 +332,37 @@ class RunView:
         if len(values) > _MOST_VALUES:
             values[_MOST_VALUES:] = [f"and {len(values) - _MOST_VALUES} more"]
         source = data_uri(self.pictures[world.key])
-        return ReportPicture(world.key, source, title, tuple(values), told)
+        return ReportPicture(world.key, source, title, tuple(values), told, world.is_film)
 
 
 def highlights(view: RunView) -> list[list[PicturedWorld]]:
-    """Choose up to three failures of each weakness; of no weakness, three failures."""
+    """Choose two failures of each weakness, and the nearest world that passes; as films, too.
+
+    Without weaknesses these are two failures and such a world.
+    """
+    samples, threshold = view.samples, view.target.fooling_threshold
     if view.diagnosis is not None and view.diagnosis.weaknesses:
-        return [
-            [_example(one, view.samples) for one in weakness.examples[:_EACH]]
+        chosen = [
+            [_example(one, samples) for one in weakness.examples[:_EACH]]
             for weakness in view.diagnosis.weaknesses
         ]
-    samples, threshold = view.samples, view.target.fooling_threshold
-    fooled = samples.fooled(threshold)
-    if view.rules:
-        fooled &= weakness_of(view.rules, view.space, samples.mu) == 1
-    rows = np.flatnonzero(fooled)
-    counts = (0, _EACH, 0)
-    chosen = choose_failures(view.space, samples[rows], threshold, counts).typical
-    return [[sample(samples, int(rows[one.sample])) for one in chosen]]
+    else:
+        rows = np.flatnonzero(samples.fooled(threshold))
+        found = choose_failures(view.space, samples[rows], threshold, (0, _EACH, 0)).typical
+        chosen = [[sample(samples, int(rows[one.sample])) for one in found]]
+    return [_beside_a_pass(view, failures) for failures in chosen if failures]
+
+
+def _beside_a_pass(view: RunView, failures: list[PicturedWorld]) -> list[PicturedWorld]:
+    """Add the known world nearest to the first failure that passes, and the films of both."""
+    known = Evaluations.joined([view.samples, view.queries])
+    passes = np.flatnonzero(~known.fooled(view.target.fooling_threshold) & ~known.invalid)
+    if not len(passes):
+        return [replace(failures[0], is_film=True), *failures]
+    far = np.abs(known.mu[passes] - failures[0].mu).sum(axis=1)
+    row = int(passes[far.argmin()])
+    near = replace(sample(known, row), row=row if row < len(view.samples) else None)
+    return [replace(one, is_film=True) for one in (failures[0], near)] + [*failures, near]
 
 
 def _example(example: Example, samples: Evaluations) -> PicturedWorld:
@@ -353,24 +387,11 @@ def _heading(text: str) -> str:
 
 
 def _sentences(weakness: Weakness) -> Iterator[str]:
-    if not weakness.is_checked:
-        yield "Not yet confirmed: too few fresh worlds say so clearly."
-    if weakness.inside is not None:
-        text = f"{rate_text(weakness.inside)} of uniform worlds in it fool the agent"
-        if weakness.outside is not None:
-            text += f", and {rate_text(weakness.outside)} elsewhere"
-        yield f"{text}."
-    groups = f", in {weakness.distinct} groups" if weakness.distinct > 1 else ""
-    yield (
-        f"It holds {percent(weakness.share)} of all failures ({weakness.failures:,}{groups}) in "
-        f"{percent(weakness.volume)} of all worlds."
-    )
-    if weakness.confirmed is not None:
-        yield f"{rate_text(weakness.confirmed)} of them fail again on fresh seeds."
-    if weakness.behaviour is not None:
-        yield f"{_heading(weakness.behaviour)}."
+    yield from figures(weakness)
+    groups = f", in {weakness.distinct} groups that lie apart" if weakness.distinct > 1 else ""
+    yield f"{percent(weakness.volume)} of all worlds; {weakness.failures:,} failures{groups}"
 
 
-def data_uri(picture: bytes) -> str:
-    """Write a WebP as an address that needs no request."""
-    return f"data:image/webp;base64,{base64.b64encode(picture).decode()}"
+def data_uri(picture: bytes, kind: str = "webp") -> str:
+    """Write a picture as an address that needs no request."""
+    return f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"

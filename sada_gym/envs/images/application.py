@@ -29,7 +29,7 @@ from sada_gym.envs.images.dataset import Objects, image_set
 from sada_gym.envs.images.geometry import moved_boxes
 from sada_gym.envs.images.models import Preparation, find_model
 from sada_gym.envs.images.optics import Values
-from sada_gym.envs.images.pictures import LEGENDS, drawn, fitted
+from sada_gym.envs.images.pictures import LEGENDS, Panel, drawn, fitted
 from sada_gym.errors import UserError, check_integer, check_known, check_plain
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import MOST_NAMED, Behaviour
@@ -170,8 +170,10 @@ class ImageApplication(Application):
         self.nominal = self.parameters.normalised(usual)
         self._only = None if only is None else self._numbers_of(only)
         self._truths: dict[int, Objects] = {}
-        chance = 1.0 / self._count_classes() if self.task == "classify" else 0.0
         self.clean_score = self._clean()
+        chance = 0.0
+        if self.task == "classify":
+            chance = 1.0 / len(self.agent.found(self.images.image(0)).probabilities)
         if self.clean_score < chance + _ABOVE_CHANCE:
             raise UserError(
                 f"Expected a model that is better than chance on the untouched images, got "
@@ -191,21 +193,6 @@ class ImageApplication(Application):
             )
         fits = ("right", "confidence") if self.task == "classify" else ("right", "f1")
         check_known(f"score of a model that is there to {self.task}", [score], fits)
-
-    def _count_classes(self) -> int:
-        """Count a classifier's classes; raise `UserError` if the labels have others."""
-        count = len(self.agent.found(self.images.image(0)).probabilities)
-        named = self.images.classes
-        if named and self.agent.names:  # they are joined by their names
-            return count
-        most = max((int(label.classes[0]) for label in self.images.labels or ()), default=0)
-        if most >= count or (named and len(named) != count):
-            got = f"{len(named)}: {', '.join([*named.values()][:3])}" if named else f"class {most}"
-            raise UserError(
-                f"Expected labels of the {count} classes that {self.agent_name} tells apart, got "
-                f"{got}. Name folders by the model's numbers of classes, or pass these as labels=."
-            )
-        return count
 
     def _numbers_of(self, only: Sequence[str]) -> set[int]:
         """Return the model's numbers of classes by name."""
@@ -423,18 +410,19 @@ class ImageApplication(Application):
         return self._look(seen.number, [each.nominal for each in self.conditions], 0)
 
     def _panel(self, seen: Seen) -> Image.Image:
-        found = seen.found
+        found, right = seen.found, bool(seen.right.all())
         sure = [f"{p:.2f}" for p in found.scores]
         if self.task == "classify":
             line = f"{self._name(int(found.classes[0]))} ({sure[0]})"
-            line += "" if seen.right.all() else f", not {self._name(int(seen.truth.classes[0]))}"
+            line += "" if right else f", not {self._name(int(seen.truth.classes[0]))}"
         else:
             line = f"{int(seen.right.sum())} of {len(seen.right)} objects found"
             if seen.extra and self.images.labels is not None:  # else nobody knows
                 line += f", {seen.extra} false alarms"
-        told = found.boxes
-        texts = sure[: len(told)]
-        return drawn(seen.developed.image, seen.truth.boxes, seen.right, told, texts, line)
+        boxes, told = seen.truth.boxes, found.boxes
+        known = seen.right[: len(boxes)]
+        image = seen.developed.image
+        return drawn(Panel(image, boxes, known, told, sure[: len(told)], line, right))
 
 
 def _right_of(seen: Seen) -> int:

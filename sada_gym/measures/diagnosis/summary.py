@@ -9,35 +9,46 @@ from sada_gym.measures.diagnosis.record import Diagnosis, Weakness
 from sada_gym.measures.rates import Rate
 
 
-def rows(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each weakness, or one row that says why there is none."""
+def weakness_lines(diagnosis: Diagnosis, *, details: bool = False) -> Iterator[str]:
+    """Yield a line for each weakness, and its figures below; without any, why there is none."""
     if not diagnosis.weaknesses:
-        yield "where", diagnosis.sentence
-    for place, weakness in enumerate(diagnosis.weaknesses, 1):
-        name = "weakness" if len(diagnosis.weaknesses) == 1 else f"weakness {place}"
-        text = f"{weakness.text}: {_findings(weakness)}"
-        yield name, text if weakness.behaviour is None else f"{text}; {weakness.behaviour}"
-
-
-def details(diagnosis: Diagnosis) -> Iterator[str]:
-    """Yield lines that say all of a diagnosis but its examples."""
-    yield diagnosis.sentence
+        yield diagnosis.sentence
     for place, weakness in enumerate(diagnosis.weaknesses, 1):
         yield f"{place}. {weakness.text}"
-        yield f"   {_findings(weakness)}"
+        for line in figures(weakness):
+            yield f"   {line}"
+        if not details:
+            continue
         apart = f" in {weakness.distinct} groups that lie apart" if weakness.distinct > 1 else ""
         yield (
             f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known "
             f"failures{apart}"
         )
-        if weakness.behaviour is not None:
-            yield f"   {weakness.behaviour}"
         if weakness.confirmed is not None:
-            yield f"   {rate_text(weakness.confirmed)} failed again on fresh seeds"
+            again = f"{weakness.confirmed.fooled} of {weakness.confirmed.samples}"
+            yield f"   {again} failures fail again on fresh seeds"
         for end in weakness.thresholds:
             low, high = end.interval_95
             interval = f"{number(low)} to {number(high)}"
             yield f"   {end.parameter}: threshold {number(end.value)} (95 % interval {interval})"
+
+
+def figures(weakness: Weakness) -> Iterator[str]:
+    """Yield how often the agent fails in a weakness and elsewhere, and what it does there."""
+    if weakness.inside is not None:
+        outside = "" if weakness.outside is None else f", {rate_text(weakness.outside)} elsewhere"
+        yield f"{rate_text(weakness.inside)} fail{outside}"
+    behaviour = "" if weakness.behaviour is None else f"; {weakness.behaviour}"
+    yield f"{percent(weakness.share)} of all failures{behaviour}"
+    if not weakness.is_checked:
+        yield "not yet confirmed: too few fresh worlds say so clearly"
+
+
+def details(diagnosis: Diagnosis) -> Iterator[str]:
+    """Yield lines that say all of a diagnosis but its examples."""
+    if diagnosis.weaknesses:
+        yield diagnosis.sentence
+    yield from weakness_lines(diagnosis, details=True)
     if diagnosis.weaknesses:
         yield (
             f"  {percent(diagnosis.explained)} of the failures lie in a weakness. By "
@@ -45,17 +56,8 @@ def details(diagnosis: Diagnosis) -> Iterator[str]:
         )
 
 
-def rate_text(rate: Rate) -> str:
-    """Write a rate with its interval: `81 % (63 to 92)`."""
+def rate_text(rate: Rate, note: str = "") -> str:
+    """Write a rate with its interval: `81 % (63 to 92)`, and maybe of what: `(63 to 92, note)`."""
     low, high = rate.interval_95
-    return f"{percent(rate.rate)} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def _findings(weakness: Weakness) -> str:
-    share = f"{percent(weakness.share)} of the failures"
-    if not weakness.is_checked:
-        share += "; not yet confirmed, too few fresh worlds say so clearly"
-    if weakness.inside is None:
-        return share
-    elsewhere = "" if weakness.outside is None else f", {rate_text(weakness.outside)} elsewhere"
-    return f"{rate_text(weakness.inside)} fooled{elsewhere}; {share}"
+    more = f", {note}" if note else ""
+    return f"{percent(rate.rate)} ({100 * low:.0f} to {100 * high:.0f}{more})"

@@ -45,7 +45,7 @@ def test_a_later_diagnosis_tells_the_same_as_the_attack(tmp_path: Path) -> None:
 def test_a_finished_run_gets_them_later_and_plays_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = run(tmp_path / "run")
+    first = run(tmp_path / "run", confirm=0)
     assert first.diagnosis.weaknesses[0].confirmed is None
     assert diagnose(tmp_path / "run", confirm=2).weaknesses[0].confirmed is not None
 

@@ -119,7 +119,9 @@
   function valueOn(run, i, axis) {
     if (!axis.name) return run.score[i];
     const k = run.parameters.findIndex((p) => p.name === axis.name);
-    return k < 0 ? NaN : physical(run, i, k);
+    if (k < 0) return NaN;
+    const p = run.parameters[k], value = physical(run, i, k);
+    return p.whole ? 0.7 * whole(p, value) + 0.3 * value : value; // near it: marks hide each other
   }
   function inside(points, x, y) {
     let odd = false;
@@ -164,10 +166,12 @@
   function tell() {
     const parts = runs.map((run, r) => {
       const rows = state.chosen.filter(([s, i]) => s === r && run.verdict[i] !== BROKEN);
-      const fails = rows.filter(([, i]) => run.verdict[i] === FAILS).length;
-      const share = rows.length ? ` (${Math.round((100 * fails) / rows.length)} %)` : "";
-      const lead = run.letter ? `${run.letter}: ` : "";
-      return `${lead}${fails.toLocaleString("en")} of ${rows.length.toLocaleString("en")} chosen worlds fool the agent${share}`;
+      const told = [["test samples", true], ["training queries", false]].flatMap(([name, samples]) => {
+        const own = rows.filter(([, i]) => i < run.samples === samples);
+        const fails = own.filter(([, i]) => run.verdict[i] === FAILS).length;
+        return own.length ? [`${fails.toLocaleString("en")} of ${own.length.toLocaleString("en")} ${name}`] : [];
+      });
+      return `${run.letter ? `${run.letter}: ` : ""}${told.join(" and ") || "no world"} selected ${told.length ? "fail" : ""}`.trim();
     });
     find(".chosen output").textContent = `${parts.join("; ")}.`;
     find("[name=clear]").disabled = !state.region;
@@ -193,7 +197,7 @@
   const label = (r, i) => `${runs[r].letter}${runs[r].letter ? " " : ""}${runs[r].world(i)}`;
 
   function table() {
-    const columns = runs[0].ranked.slice(0, 5).map((k) => runs[0].parameters[k]);
+    const columns = axes.slice(1);
     const heads = ["world", "", "Q", ...(controls.weakness.length > 1 ? ["weakness"] : []), ...columns.map((p) => p.label)];
     find("thead").replaceChildren(element("tr", {}, ...heads.map((head) => element("th", { scope: "col" }, head))));
     const start = state.page * ROWS, rows = state.chosen.slice(start, start + ROWS);
