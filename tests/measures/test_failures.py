@@ -97,7 +97,7 @@ def test_by_default_as_many_failures_are_tried_again_as_is_cheap(
     rows = sorted(failure.sample for failure in found.failures if failure.valid_seeds is not None)
     assert rows == np.flatnonzero(result.samples.fooled(0.3))[:10].tolist()
     assert (found.confirmed.samples, found.confirmed_afr.samples) == (10, rows[-1] + 1)
-    assert f"{found.confirmed.fooled} of 10 failures that were tried again" in repr(result)
+    assert f"{found.confirmed.fooled} of 10 tried fail again on fresh seeds" in repr(result)
 
     def fail(*_: Any) -> Evaluated:
         raise AssertionError("nothing is to be evaluated")
