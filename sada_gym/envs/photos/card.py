@@ -14,7 +14,6 @@ CARD = ApplicationCard(
     same_as="Street",
     fetched=tuple(agent for agent in DETECTION.fetched if agent.name == "coco-centernet"),
     agent_kind="detector",
-    agent_loader=DETECTION.agent_loader,
     packages=("torch", "opencv-python-headless", "opencv-python"),
     reference_points=2_000,
     reference_seeds=2,

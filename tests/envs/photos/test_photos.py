@@ -6,7 +6,8 @@ import pytest
 from sada_gym import make_application
 from sada_gym.envs.photos.application import PhotosApplication, missing
 from sada_gym.envs.photos.street import VARIABLE, film, street
-from sada_gym.errors import MissingPart
+from sada_gym.errors import MissingPart, UserError
+from sada_gym.experiment.names import check_spelling
 
 NEEDED = missing()
 
@@ -24,6 +25,18 @@ def test_what_is_missing_is_told(tmp_path, monkeypatch):
 def test_the_class_tells_what_it_is_without_its_parts():
     assert len(PhotosApplication.parameters) == 7
     assert PhotosApplication.fooling_threshold == 0.5
+
+
+@pytest.mark.skipif(bool(NEEDED), reason=NEEDED)
+def test_the_track_takes_the_models_that_images_take(tmp_path):
+    for agent, told in (
+        ("tcp://127.0.0.1:1", "an agent in tcp://127.0.0.1:1, but nobody is there"),
+        (str(tmp_path / "model.onnx"), "model.onnx, but there is no such file"),
+        ("no model", "an agent among coco-centernet, .*got 'no model'"),
+    ):
+        check_spelling("SADA-Photos-Street-v0", "random", {"agent": agent})
+        with pytest.raises(UserError, match=told):
+            make_application("SADA-Photos-Street-v0", agent=agent)
 
 
 @pytest.mark.skipif(bool(NEEDED), reason=NEEDED)
