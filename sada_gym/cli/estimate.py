@@ -32,8 +32,8 @@ def estimate(
     density: list[str] | None = option(
         None,
         "A parameter's density in ordinary use; repeatable. Parameters without one are then "
-        "uniform.",
-        metavar='NAME={"normal": [MEAN, SD]}',
+        "uniform. Or a table of logged worlds, to which a density is fitted.",
+        metavar='NAME={"normal": [MEAN, SD]}|FILE.csv',
         shown="those of the environment",
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
@@ -61,7 +61,8 @@ def estimate(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
-        densities = key_values(density, "--density")
+        is_table = density is not None and len(density) == 1 and density[0].endswith(".csv")
+        densities = density[0] if density and is_table else key_values(density, "--density")
         from sada_gym.analyses.estimation.estimate import estimate as find
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.run.folder import SETTINGS_FILE

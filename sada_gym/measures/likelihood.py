@@ -13,7 +13,7 @@ from sada_gym.errors import FileError
 from sada_gym.foundations.figures import percent
 from sada_gym.foundations.files import OneLine, Strict, read_model
 
-ESTIMATE_FILE = "estimate.json"
+ESTIMATE_FILE, DENSITY_FILE = "estimate.json", "density.png"
 _ALL_HELD, _OFTEN = 0.995, 0.05
 
 

@@ -17,6 +17,7 @@ from sada_gym.analyses.estimation.core import (
     estimate_probability,
     ratio_of,
 )
+from sada_gym.analyses.estimation.table import TableDensity
 from sada_gym.analyses.estimation.use import IndependentUse, JointUse
 from sada_gym.application import Application
 from sada_gym.densities import Density, WorldDensity
@@ -28,14 +29,20 @@ from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.experiment.names import check_spelling
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.arrays import Floats
-from sada_gym.foundations.files import shown, write_model
+from sada_gym.foundations.files import shown, write_file, write_model
 from sada_gym.measures.diagnosis.grouping import by_weakness
-from sada_gym.measures.likelihood import ESTIMATE_FILE, ComparedAgent, FailureEstimate, RiskShare
+from sada_gym.measures.likelihood import (
+    DENSITY_FILE,
+    ESTIMATE_FILE,
+    ComparedAgent,
+    FailureEstimate,
+    RiskShare,
+)
 from sada_gym.parameters import Mu
 from sada_gym.run import Run, load_run
 from sada_gym.run.folder import ELSEWHERE_FILE
 
-_FEWEST = 20
+_FEWEST, _SHOWN = 20, 20_000
 _FIRST_SEED = 2**24  # of the validation stream, whose first seeds have other purposes
 _DRAWING_SEED = 67
 
@@ -75,7 +82,9 @@ def estimate(
         density: How likely worlds are in ordinary use. None takes the application's own, see
             `nominal=`; or densities of parameters by name, as `nominal=` takes them, the others
             being uniform; or a joint density of all parameters' physical values, such as
-            `scipy.stats.multivariate_normal(mean, covariance)`, by its `rvs` and `logpdf`.
+            `scipy.stats.multivariate_normal(mean, covariance)`, by its `rvs` and `logpdf`; or
+            logged worlds, (n, d) physical values or the path of a CSV file, see `TableDensity`. A
+            run's folder then gets `density.png`.
         env_kwargs: Keywords of an id.
         application: What the run attacked, where it cannot say it, see `Run.open`.
         workers: See `Workers`.
@@ -146,6 +155,12 @@ def estimate_open(
         found = estimate_probability(use, asking, threshold, budget, rng, known)
         each = [found.counted(answers) for answers in asking.last]
         shares = () if run is None else _shares(run, opened[0], use.mu(found.z), each[0])
+        if run is not None and isinstance(use, JointUse) and use.table is not None:
+            from sada_gym.analyses.plots.density import marginals
+
+            drawn = use.table.rvs(_SHOWN, np.random.default_rng(0))
+            picture = marginals(first.parameters, use.table.rows, drawn)
+            write_file(run.folder / DENSITY_FILE, picture)
     compared = None
     if len(opened) > 1:
         ratio, interval = ratio_of(*each)
@@ -264,6 +279,8 @@ def _use(application: Application, density: Any, rng: np.random.Generator) -> Us
         density = WorldDensity(space, given)
     if isinstance(density, WorldDensity):
         return IndependentUse(density, permits, rng)
+    if isinstance(density, str | Path | list | np.ndarray):
+        density = TableDensity(space, density)
     return JointUse(space, density, permits, rng)
 
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from sada_gym.adversaries.query_pool import draw_permitted
+from sada_gym.analyses.estimation.table import TableDensity
 from sada_gym.densities import WorldDensity
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.foundations.arrays import Bools, Floats
@@ -83,16 +84,19 @@ class JointUse:
             )
         self.dimension, self._space = len(space), space
         self._density, self._permits = density, permits
-        self.data = {"joint": type(density).__name__}
+        self.table = density if isinstance(density, TableDensity) else None
+        named = {"joint": type(density).__name__}
+        self.data: dict[str, Any] = getattr(density, "data", named)
         drawn = self._values(_COUNTED, rng)
         inside = self._inside(drawn)
-        self.held = _checked_share(inside)
+        share = _checked_share(inside)
+        self.held = share * float(getattr(density, "held", 1.0))
         kept = drawn[inside]
         self._mean = kept.mean(axis=0)
         covariance = np.atleast_2d(np.cov(kept, rowvar=False))
         tiny = 1e-9 * max(float(np.trace(covariance)), 1e-300)
         self._root = np.linalg.cholesky(covariance + tiny * np.eye(self.dimension))
-        self._shift = float(np.log(np.diag(self._root)).sum() - np.log(self.held))
+        self._shift = float(np.log(np.diag(self._root)).sum() - np.log(share))
 
     def mu(self, z: Floats) -> Mu:
         """Return the worlds at points, (n, d)."""
