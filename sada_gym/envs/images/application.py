@@ -170,10 +170,8 @@ class ImageApplication(Application):
         self.nominal = self.parameters.normalised(usual)
         self._only = None if only is None else self._numbers_of(only)
         self._truths: dict[int, Objects] = {}
+        chance = 1.0 / self._count_classes() if self.task == "classify" else 0.0
         self.clean_score = self._clean()
-        chance = 0.0
-        if self.task == "classify":
-            chance = 1.0 / len(self.agent.found(self.images.image(0)).probabilities)
         if self.clean_score < chance + _ABOVE_CHANCE:
             raise UserError(
                 f"Expected a model that is better than chance on the untouched images, got "
@@ -193,6 +191,21 @@ class ImageApplication(Application):
             )
         fits = ("right", "confidence") if self.task == "classify" else ("right", "f1")
         check_known(f"score of a model that is there to {self.task}", [score], fits)
+
+    def _count_classes(self) -> int:
+        """Count a classifier's classes; raise `UserError` if the labels have others."""
+        count = len(self.agent.found(self.images.image(0)).probabilities)
+        named = self.images.classes
+        if named and self.agent.names:  # they are joined by their names
+            return count
+        most = max((int(label.classes[0]) for label in self.images.labels or ()), default=0)
+        if most >= count or (named and len(named) != count):
+            got = f"{len(named)}: {', '.join([*named.values()][:3])}" if named else f"class {most}"
+            raise UserError(
+                f"Expected labels of the {count} classes that {self.agent_name} tells apart, got "
+                f"{got}. Name folders by the model's numbers of classes, or pass these as labels=."
+            )
+        return count
 
     def _numbers_of(self, only: Sequence[str]) -> set[int]:
         """Return the model's numbers of classes by name."""

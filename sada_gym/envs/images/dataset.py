@@ -34,7 +34,7 @@ MAX_PIXELS = 2**26
 """Larger images are refused: under conditions one takes a gigabyte."""
 _KEPT_BYTES = 2**28
 _LABEL_BYTES = 2**30
-_SKIPPED_SHOWN = 3
+_SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -138,10 +138,13 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as opened:
-                _check_size(opened.size, path)
+                if math.prod(opened.size) > MAX_PIXELS or min(opened.size) < 2:
+                    raise _wrong_size(path, "{} x {}".format(*opened.size))
                 yield opened
     except FileError:
         raise
+    except Image.DecompressionBombError as error:
+        raise _wrong_size(path, "far more") from error
     except Exception as error:  # Pillow's readers raise whatever a damaged file leads to
         raise FileError(
             f"Expected an image in {path}, got: {described(error)}. Remove the file, or pass "
@@ -149,12 +152,11 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         ) from error
 
 
-def _check_size(size: tuple[int, int], path: Path) -> None:
-    if math.prod(size) > MAX_PIXELS or min(size) < 2:
-        raise FileError(
-            f"Expected an image of 2 px a side to {MAX_PIXELS:,} px in all in {path}, got "
-            f"{size[0]} x {size[1]}. Scale it down."
-        )
+def _wrong_size(path: Path, got: str) -> FileError:
+    return FileError(
+        f"Expected an image of 2 px a side to {MAX_PIXELS:,} px in all in {path}, got {got}. Scale "
+        "it down, or pass skip_unreadable=True."
+    )
 
 
 def image_set(
@@ -184,22 +186,23 @@ def image_set(
         found = _listed(images)
     if not found.sources:
         raise UserError(
-            f"Expected at least one image ({', '.join(ENDINGS)}), got none in {images!r}. Name the "
-            "folder that holds them."
+            f"Expected at least one image ({', '.join(ENDINGS)}), got none in {str(images)!r}. "
+            "Name the folder that holds them."
         )
     unreadable = _unreadable(found, decode=skip_unreadable)
     if unreadable and not skip_unreadable:
         raise next(iter(unreadable.values()))
-    if isinstance(labels, str | Path):
+    in_files = isinstance(labels, str | Path)
+    if not in_files and labels is not None and labels is not False:
+        _given(found, labels)
+    if unreadable:
+        _leave_out(found, unreadable)
+    if in_files:
         path = as_path(labels, "a file or folder of labels")
         reader = _coco if path.suffix.lower() == ".json" else _yolo
         reader(found, path)
-    elif labels is not None and labels is not False:
-        _given(found, labels)
     if classes is not None:
         found.classes = {i: str(name) for i, name in enumerate(classes)}
-    if unreadable:
-        _leave_out(found, unreadable)
     return found
 
 
@@ -279,20 +282,25 @@ def _unreadable(found: ImageSet, *, decode: bool) -> dict[int, FileError]:
 
 
 def _leave_out(found: ImageSet, unreadable: Mapping[int, FileError]) -> None:
-    shown = [found.names[i] for i in [*unreadable][:_SKIPPED_SHOWN]]
-    more = f" and {len(unreadable) - len(shown)} more" if len(unreadable) > len(shown) else ""
-    warnings.warn(
-        f"{len(unreadable)} of {len(found)} images cannot be read and are left out: "
-        f"{', '.join(shown)}{more}.",
-        Notice,
-        stacklevel=3,
-    )
     kept = [i for i in range(len(found)) if i not in unreadable]
     if not kept:
         raise next(iter(unreadable.values()))
-    found.sources, found.names = [found.sources[i] for i in kept], [found.names[i] for i in kept]
+    left_out = [found.names[i] for i in unreadable]
+    _tell(f"{len(left_out)} of {len(found)} images cannot be read and are left out", left_out)
+    _keep(found, kept)
+
+
+def _tell(what: str, names: Sequence[str]) -> None:
+    more = len(names) - _SHOWN
+    rest = f" and {more} more" if more > 0 else ""
+    warnings.warn(f"{what}: {', '.join(names[:_SHOWN])}{rest}.", Notice, stacklevel=4)
+
+
+def _keep(found: ImageSet, chosen: Sequence[int]) -> None:
+    found.sources = [found.sources[i] for i in chosen]
+    found.names = [found.names[i] for i in chosen]
     if found.labels is not None:
-        found.labels = [found.labels[i] for i in kept]
+        found.labels = [found.labels[i] for i in chosen]
 
 
 def _given(found: ImageSet, labels: Any) -> None:
@@ -412,14 +420,11 @@ def _partners(names: Sequence[str], known: Collection[str], where: Path) -> list
             )
         return others[0] if others else None
 
-    return [partner(Path(name).as_posix()) for name in names]
-
-
-def _keep(found: ImageSet, chosen: Sequence[int]) -> None:
-    found.sources, found.names = (
-        [found.sources[i] for i in chosen],
-        [found.names[i] for i in chosen],
-    )
+    partners = [partner(Path(name).as_posix()) for name in names]
+    others = [*{*known} - {*partners} - {"classes"}]
+    if others and len(others) < len(known):
+        _tell(f"{len(others)} of {len(known)} labels in {where} have no image", sorted(others))
+    return partners
 
 
 def _yolo(found: ImageSet, folder: Path) -> None:

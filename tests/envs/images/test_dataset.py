@@ -248,3 +248,35 @@ def test_the_hash_follows_images_and_labels(folder):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert image_set(folder).sha256 == image_set(str(folder)).sha256
+
+
+def test_an_unreadable_image_takes_no_other_ones_label_away(folder):
+    """The files that COCO names come in another order, and not all of them."""
+    (folder / "0.png").write_bytes(b"no image")
+    row = {"id": 1, "image_id": 9, "category_id": 1, "bbox": [1, 2, 10, 20]}
+    path = coco_file(folder, [row])
+    table = json.loads(path.read_text())
+    table["images"].append({"id": 1, "file_name": "0.png"})
+    table["annotations"].append({**row, "image_id": 1})
+    path.write_text(json.dumps(table))
+    with pytest.warns(Notice) as told:
+        found = image_set(folder, path, skip_unreadable=True)
+    assert found.names == ["a.png", "b.jpg"]
+    assert [len(label.boxes) for label in found.labels] == [0, 1]
+    texts = [str(notice.message) for notice in told]
+    assert texts[0] == "1 of 5 images cannot be read and are left out: 0.png."
+    assert texts[1] == f"1 of 3 labels in {path} have no image: 0.png."
+    labels = folder / "labels"
+    labels.mkdir()
+    for name in ("a", "classes", "gone", "lost"):
+        (labels / f"{name}.txt").write_text("0 0.5 0.5 0.2 0.2" if name != "classes" else "car\n")
+    with pytest.warns(Notice, match="2 of 4 labels in .* have no image: gone, lost."):
+        image_set([folder / "a.png"], labels)
+
+
+def test_an_image_of_twenty_thousand_pixels_a_side_is_told_or_left_out(folder, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow itself refuses twice as many
+    with pytest.raises(UserError, match=r"in all in .*a.png, got far more. Scale it down, or pass"):
+        image_set(folder)
+    with pytest.raises(UserError, match=r"in all in .*a.png, got far more"):
+        image_set(folder, skip_unreadable=True)

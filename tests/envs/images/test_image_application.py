@@ -140,6 +140,20 @@ def test_names_of_labels_and_of_models_are_joined():
     assert only.evaluate(only.nominal[None], [0]).infos[0]["of"] == 2
 
 
+def test_labels_of_other_classes_than_the_models_get_a_sentence():
+    class Many(Halves):
+        labels = {}  # noqa: RUF012
+
+        def forward(self, images):
+            return super().forward(images).repeat(1, 500)
+
+    with pytest.raises(UserError, match=r"of the 1000 classes that Many tells apart, got 2: up, d"):
+        classify(agent=Many().eval(), classes=["up", "down"])
+    with pytest.raises(UserError, match=r"of the 2 classes that Halves tells apart, got class 2"):
+        classify(labels=[0, 1, 0, 2], score="confidence")
+    assert classify(agent=Many().eval(), labels=[0, 1, 0, 1]).clean_score == 1.0
+
+
 def test_pictures_have_one_size_and_slide_to_the_world():
     for application in (detect(), classify()):
         mu = world(application, exposure_ev=-3.0)[0]
