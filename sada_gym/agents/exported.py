@@ -37,7 +37,40 @@ _ONNX_TYPES = {
 }
 
 
-class ExportedNetwork(ABC):
+class ExportedFile(ABC):
+    """A network's file, which is held in memory: the network is sent to workers as its content."""
+
+    beside: str | None = None
+    """The ending of the name of a file that may lie beside it, and belongs to it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._contents = [read_file(path, MAX_MODEL_BYTES)]
+        if self.beside and (other := path.with_name(path.name + self.beside)).is_file():
+            self._contents.append(read_file(other, MAX_MODEL_BYTES))
+        self._sent = (*self.__dict__,)
+        self._open()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Read the network from `_contents`: its file, and what lay beside it, if anything."""
+
+    @property
+    def weights_hash(self) -> str:
+        """SHA-256 over the files, which say all that the network does."""
+        return hashlib.sha256(b"".join(self._contents)).hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep the files' contents instead of the network."""
+        return {key: self.__dict__[key] for key in (*self._sent, "_sent")}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Read the network again."""
+        self.__dict__.update(state)
+        self._open()
+
+
+class ExportedNetwork(ExportedFile):
     """An agent whose `predict` asks an exported network for batches.
 
     Its first output holds the actions; of choices it may hold a number for each (logits or Q
@@ -49,7 +82,6 @@ class ExportedNetwork(ABC):
         action_space: The environment's actions.
 
     Attributes:
-        beside: The ending of the name of a file that may lie beside it, and belongs to it.
         fixed: The rows that the network always takes; None if it takes any number.
 
     Raises:
@@ -57,7 +89,6 @@ class ExportedNetwork(ABC):
         UserError: If the network is not for these spaces.
     """
 
-    beside: str | None = None
     fixed: int | None = None
 
     def __init__(
@@ -66,24 +97,12 @@ class ExportedNetwork(ABC):
         observation_space: spaces.Space[Any],
         action_space: spaces.Space[Any],
     ) -> None:
-        self.path, self.observation_space, self.action_space = path, observation_space, action_space
-        self._contents = [read_file(path, MAX_MODEL_BYTES)]
-        if self.beside and (other := path.with_name(path.name + self.beside)).is_file():
-            self._contents.append(read_file(other, MAX_MODEL_BYTES))
-        self._open()
-
-    @abstractmethod
-    def _open(self) -> None:
-        """Read the network from `_contents`: its file, and what lay beside it, if anything."""
+        self.observation_space, self.action_space = observation_space, action_space
+        super().__init__(path)
 
     @abstractmethod
     def _outputs(self, inputs: Batch) -> Array:
         """Return the first output for a batch, (n, ...)."""
-
-    @property
-    def weights_hash(self) -> str:
-        """SHA-256 over the files, which say all that the network does."""
-        return hashlib.sha256(b"".join(self._contents)).hexdigest()
 
     def predict(self, observation: Any, *, deterministic: bool) -> tuple[Array, None]:
         """Return the actions for a batch of observations, (n, ...)."""
@@ -132,16 +151,6 @@ class ExportedNetwork(ABC):
             f"{count} observations, or a number for each choice, got shape {outputs.shape}. "
             "Export the network with its actions as the first output."
         )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Keep the files' contents instead of the network."""
-        kept = ("path", "_contents", "observation_space", "action_space")
-        return {key: value for key, value in self.__dict__.items() if key in kept}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Read the network again."""
-        self.__dict__.update(state)
-        self._open()
 
 
 class OnnxNetwork(ExportedNetwork):

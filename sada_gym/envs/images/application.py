@@ -29,7 +29,7 @@ from sada_gym.envs.images.dataset import Objects, image_set
 from sada_gym.envs.images.geometry import moved_boxes
 from sada_gym.envs.images.models import Preparation, find_model
 from sada_gym.envs.images.optics import Values
-from sada_gym.envs.images.pictures import LEGENDS, Panel, drawn, fitted
+from sada_gym.envs.images.pictures import LEGENDS, drawn, fitted
 from sada_gym.errors import UserError, check_integer, check_known, check_plain
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.behaviour import MOST_NAMED, Behaviour
@@ -423,19 +423,18 @@ class ImageApplication(Application):
         return self._look(seen.number, [each.nominal for each in self.conditions], 0)
 
     def _panel(self, seen: Seen) -> Image.Image:
-        found, right = seen.found, bool(seen.right.all())
+        found = seen.found
         sure = [f"{p:.2f}" for p in found.scores]
         if self.task == "classify":
             line = f"{self._name(int(found.classes[0]))} ({sure[0]})"
-            line += "" if right else f", not {self._name(int(seen.truth.classes[0]))}"
+            line += "" if seen.right.all() else f", not {self._name(int(seen.truth.classes[0]))}"
         else:
             line = f"{int(seen.right.sum())} of {len(seen.right)} objects found"
             if seen.extra and self.images.labels is not None:  # else nobody knows
                 line += f", {seen.extra} false alarms"
-        boxes, told = seen.truth.boxes, found.boxes
-        known = seen.right[: len(boxes)]
-        image = seen.developed.image
-        return drawn(Panel(image, boxes, known, told, sure[: len(told)], line, right))
+        told = found.boxes
+        texts = sure[: len(told)]
+        return drawn(seen.developed.image, seen.truth.boxes, seen.right, told, texts, line)
 
 
 def _right_of(seen: Seen) -> int:

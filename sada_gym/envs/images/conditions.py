@@ -314,16 +314,18 @@ def developed(
 
     Each condition has a generator of its own, so that it does the same whichever others there are.
     """
+    import cv2
+
     rows, columns = image.shape[:2]
     table: optics.Table | None = None
     moves: list[tuple[Move, Move]] = []
     waiting = 0  # moves that the image has still to make: neighbours make one
     covered: list[tuple[int, ...]] = []
 
-    def settled(pixels: Bytes) -> Bytes:
+    def settled(pixels: Bytes) -> Any:
         if waiting:
             pixels = geometry.warped(pixels, geometry.origin_of(moves[-waiting:]))
-        return pixels if table is None else optics.tabled(pixels, table)
+        return pixels if table is None else cv2.LUT(pixels, table[None])
 
     with _one_thread():
         for each, own in zip(conditions, values, strict=True):

@@ -236,8 +236,8 @@ def _folder(folder: Path, *, with_classes: bool) -> ImageSet:
 
 
 def _listed(images: Any) -> ImageSet:
-    if isinstance(images, np.ndarray) or not isinstance(images, Sequence):
-        images = [*images] if isinstance(images, np.ndarray) and images.ndim == 4 else images
+    if isinstance(images, np.ndarray) and images.ndim == 4:
+        images = [*images]
     if not isinstance(images, Sequence):
         raise UserTypeError(
             "Expected images as a folder, a list of files, or arrays (height, width, 3) uint8, "

@@ -32,11 +32,6 @@ def rotated(points: Floats, degrees: float) -> Floats:
     return turned
 
 
-def zoomed(points: Floats, factor: float) -> Floats:
-    """Enlarge an image by a factor."""
-    return points * factor
-
-
 def spread(points: Floats, k1: float) -> Floats:
     """Move points outwards by Brown's first radial coefficient; inwards below 0."""
     spread: Floats = points * (1.0 + k1 * (points**2).sum(axis=1, keepdims=True))
@@ -76,7 +71,7 @@ def turning(degrees: float) -> tuple[Move, Move]:
 
 def zooming(factor: float) -> tuple[Move, Move]:
     """Return where points go when an image is enlarged, and where they come from."""
-    return partial(zoomed, factor=factor), partial(zoomed, factor=1.0 / factor)
+    return partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)
 
 
 def distorting(k1: float) -> tuple[Move, Move]:

@@ -19,8 +19,14 @@ import numpy.typing as npt
 
 from sada_gym.agents.agent_files import ONNX, TORCHSCRIPT
 from sada_gym.agents.contract import Task
-from sada_gym.agents.exported import MAX_MODEL_BYTES, onnx_session, torchscript_module
+from sada_gym.agents.exported import (
+    MAX_MODEL_BYTES,
+    ExportedFile,
+    onnx_session,
+    torchscript_module,
+)
 from sada_gym.agents.identity import check_finite_weights, fingerprint
+from sada_gym.agents.remote.messages import HelloImages
 from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.checks import check_evaluation_mode
 from sada_gym.envs.images.answers import CONVENTIONS, FAINT, Found, classified, detected
@@ -31,6 +37,7 @@ from sada_gym.foundations.cards import fetchable
 from sada_gym.foundations.determinism import one_thread
 from sada_gym.foundations.files import read_file
 from sada_gym.foundations.lazy import load
+from sada_gym.foundations.serve_environment import PROTOCOL
 
 IMAGENET_MEAN, IMAGENET_SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """The colours that torchvision's and most other classifiers take for zero and one."""
@@ -130,7 +137,7 @@ def prepared(image: Bytes, preparation: Preparation) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(values)
 
 
-class OnnxModel:
+class OnnxModel(ExportedFile):
     """A classifier or a detector of an ONNX file.
 
     It takes one input, (1, 3, height, width) or (1, height, width, 3), floats in [0, 1] or uint8. A
@@ -148,14 +155,15 @@ class OnnxModel:
     """
 
     packages = ("onnxruntime",)
+    beside = ".data"
 
     def __init__(self, path: Path, preparation: Preparation) -> None:
-        self.path, self._preparation = path, preparation
-        self._content = read_file(path, MAX_MODEL_BYTES)
-        self._open()
+        self._preparation = preparation
+        super().__init__(path)
 
     def _open(self) -> None:
-        self._session = onnx_session(self._content, self.path)
+        model, *weights = self._contents
+        self._session = onnx_session(model, self.path, weights)
         inputs = self._session.get_inputs()
         shape = [*inputs[0].shape]
         self._first = len(shape) == 4 and shape[3] != 3
@@ -173,19 +181,11 @@ class OnnxModel:
         self.task: Task = "classify" if shapes == [2] else "detect"
         self.names = _yolo_names(self._session.get_modelmeta().custom_metadata_map)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Keep the file's content instead of the session."""
-        return {key: self.__dict__[key] for key in ("path", "_preparation", "_content")}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Open the file's content again."""
-        self.__dict__.update(state)
-        self._open()
-
     @property
     def fingerprint(self) -> str:
-        """SHA-256 over the file and how it is used."""
-        return hashlib.sha256(self._content + str(self._preparation).encode()).hexdigest()
+        """SHA-256 over the files and how they are used."""
+        used = b"".join(self._contents) + str(self._preparation).encode()
+        return hashlib.sha256(used).hexdigest()
 
     def found(self, image: Bytes) -> Found:
         """Tell what is in an image, see `Model.found`."""
@@ -303,8 +303,11 @@ def find_model(
     """
     check_known("task", [] if task is None else [task], ["classify", "detect"])
     if (place := place_of(agent)) is not None:
-        use = task, preparation.size, preparation.imagenet, device
-        return RemoteModel(place, *use, timeout_s=timeout_s)
+        size, imagenet = preparation.size, preparation.imagenet
+        used: Any = {"task": task, "input_size": size, "imagenet": imagenet, "device": device}
+        with explained(f"Expected imagenet= as true or false and device= as a name for {place}"):
+            hello = HelloImages(number=0, protocol=PROTOCOL, **used)
+        return RemoteModel(place, hello, timeout_s)
     if isinstance(agent, str | Path):
         return _named(str(agent), task, preparation, device)
     if all(hasattr(agent, name) for name in ("task", "names", "found")):

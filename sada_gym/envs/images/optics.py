@@ -61,17 +61,6 @@ def _table(light: Floats) -> Table:
     return np.rint(255.0 * encoded(light)).astype(np.uint8)
 
 
-@kernel
-def tabled(image: Bytes, table: Table) -> Bytes:
-    """Look up every value of an image in a table."""
-    result = np.empty_like(image)
-    for row in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            for channel in range(3):
-                result[row, column, channel] = table[image[row, column, channel], channel]
-    return result
-
-
 def chained(first: Table, second: Table) -> Table:
     """Make one table of two."""
     return np.take_along_axis(second, first.astype(np.intp), axis=0)
@@ -353,10 +342,7 @@ def occluder(size: float, x: float, y: float, columns: int, rows: int) -> tuple[
     half = 0.5 * size * max(columns, rows)
     middle = 0.5 * (1.0 + np.array([x, y])) * (columns, rows)
     ends = np.concatenate([middle - half, middle + half])
-    limits = (columns, rows, columns, rows)
-    return tuple(
-        round(float(np.clip(end, 0, most))) for end, most in zip(ends, limits, strict=True)
-    )
+    return tuple(map(round, ends.clip(0, (columns, rows, columns, rows)).tolist()))
 
 
 def occluded(image: Bytes, values: Values, _: np.random.Generator) -> Bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -35,39 +34,28 @@ LEGENDS = {
 """What the marks in pictures mean, for both kinds of models."""
 
 
-@dataclass(frozen=True)
-class Panel:
-    """What a picture of one image shows.
-
-    Attributes:
-        image: (height, width, 3) uint8.
-        truth: (n, 4) boxes of what counts in it.
-        seen: (n,) which of them were found.
-        told: (m, 4) boxes of what the model told, and a text beside each.
-        line: What is written below.
-        right: Whether nothing went wrong.
-    """
-
-    image: Bytes
-    truth: Floats
-    seen: Bools
-    told: Floats
-    texts: Sequence[str]
-    line: str
-    right: bool
-
-
 def fitted(image: Bytes) -> Frame:
     """Return an image scaled into `SIZE`, on white."""
     return np.asarray(_canvas(image)[0])
 
 
-def drawn(panel: Panel) -> Image.Image:
-    """Draw an image with its objects and the model's answers, with a line below."""
-    canvas, scale, corner = _canvas(panel.image)
+def drawn(
+    image: Bytes, truth: Floats, seen: Bools, told: Floats, texts: Sequence[str], line: str
+) -> Image.Image:
+    """Draw an image with its objects and the model's answers.
+
+    Args:
+        image: (height, width, 3) uint8.
+        truth: (n, 4) boxes of what counts in it.
+        seen: Which of them were found, (n,), or whether the image was taken for what it is, (1,).
+        told: (m, 4) boxes of what the model told.
+        texts: What stands beside each of these.
+        line: What is written below.
+    """
+    canvas, scale, corner = _canvas(image)
     draw, face = ImageDraw.Draw(canvas), font(13)
     shift = np.tile(corner, 2)
-    for box, text in zip(panel.told * scale + shift, panel.texts, strict=True):
+    for box, text in zip(told * scale + shift, texts, strict=True):
         dashed_box(draw, box.tolist(), rgb(_TOLD), 2, 2.0, 2.0, casing=(0, 0, 0))
         draw.text(
             *((box[0] + 2, box[1] - 16), text),
@@ -75,13 +63,13 @@ def drawn(panel: Panel) -> Image.Image:
             stroke_width=2,
             stroke_fill="black",
         )
-    for box, seen in zip(panel.truth * scale + shift, panel.seen, strict=True):
-        colour, dash = (_FOUND, (1.0, 0.0)) if seen else (_MISSED, (8.0, 6.0))
+    for box, was_found in zip(truth * scale + shift, seen[: len(truth)], strict=True):
+        colour, dash = (_FOUND, (1.0, 0.0)) if was_found else (_MISSED, (8.0, 6.0))
         dashed_box(draw, box.tolist(), rgb(colour), 3, *dash, casing=(0, 0, 0))
     whole = Image.new("RGB", (SIZE[0], SIZE[1] + _LINE), "white")
     whole.paste(canvas, (0, 0))
-    ink = rgb(INK if panel.right else _MISSED)
-    ImageDraw.Draw(whole).text((6, SIZE[1] + 4), panel.line, fill=ink, font=font(15))
+    ink = rgb(INK if seen.all() else _MISSED)
+    ImageDraw.Draw(whole).text((6, SIZE[1] + 4), line, fill=ink, font=font(15))
     return whole
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from sada_gym.agents.contract import Task
 from sada_gym.agents.remote.client import RemotePeer
 from sada_gym.agents.remote.messages import Actions, HelloImages, Look, Welcome
 from sada_gym.agents.remote.places import Address, Program
 from sada_gym.envs.images.answers import Found, classified, detected
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Bytes
-from sada_gym.foundations.serve_environment import PROTOCOL
 
 
 class RemoteModel(RemotePeer):
@@ -20,9 +18,7 @@ class RemoteModel(RemotePeer):
 
     Args:
         place: Where the process is.
-        task: What the model does; None where its server says it.
-        input_size: What `sada_gym.serve` does with an image before the model gets it; so `imagenet`
-            and `device`, see `ImageApplication`.
+        hello: What the model should do, and how its server should use it.
         timeout_s: How long to wait for the program's start, and for each whole answer.
 
     Raises:
@@ -31,25 +27,9 @@ class RemoteModel(RemotePeer):
 
     wanted = "answers"
 
-    def __init__(
-        self,
-        place: Address | Program,
-        task: Task | None,
-        input_size: int | None,
-        imagenet: bool,
-        device: str,
-        *,
-        timeout_s: float,
-    ) -> None:
+    def __init__(self, place: Address | Program, hello: HelloImages, timeout_s: float) -> None:
         super().__init__(place, timeout_s)
-        self._hello = HelloImages(
-            number=0,
-            protocol=PROTOCOL,
-            task=task,
-            input_size=input_size,
-            imagenet=imagenet,
-            device=device,
-        )
+        self._hello, task = hello, hello.task
         told = self._first()
         if (told.task or task) is None:
             raise UserError(

@@ -10,7 +10,6 @@ from typing import Any
 from sada_gym.agents.agent_files import names_model
 from sada_gym.envs.images.application import ImageApplication
 from sada_gym.envs.wrapped import toml
-from sada_gym.errors import UserError, check_known
 
 
 def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageApplication:
@@ -26,25 +25,23 @@ def images_of(table: Mapping[str, Any], path: Path, agent: Any = None) -> ImageA
             raises it.
     """
     texts = str | list[str]
-    keys, _ = toml.argument_keys(
+    keys = toml.argument_keys(
         ImageApplication,
         images=texts,
         agent=texts,
         labels=str | bool | list[int],
         conditions=str | list[str] | dict[str, Any],
     )
-    check_known(f"key in {path}", table, [*keys])
-    if agent is None and "agent" not in table:
-        raise UserError(f"Expected the key 'agent' in {path}, got none. Add it to the file.")
-    toml.check_types(table, keys, path)
-    arguments = dict(table)
-    images = arguments.pop("images")
-    listed = [_beside(path, each) for each in ([images] if isinstance(images, str) else images)]
+    arguments = toml.checked_table(table, path, *keys, agent)
+    images = arguments["images"]
+    is_one = isinstance(images, str)
+    arguments["images"] = (
+        _beside(path, images) if is_one else [_beside(path, each) for each in images]
+    )
     if isinstance(arguments.get("labels"), str):
         arguments["labels"] = _beside(path, arguments["labels"])
-    given = agent if agent is not None else agent_of(arguments["agent"], path)
-    arguments["agent"] = given
-    return ImageApplication(listed[0] if isinstance(images, str) else listed, **arguments)
+    arguments["agent"] = agent if agent is not None else agent_of(arguments["agent"], path)
+    return ImageApplication(**arguments)
 
 
 def agent_of(text: str | list[Any], path: Path) -> Any:

@@ -130,26 +130,17 @@ def application_of(table: Mapping[str, Any], path: Path, *, agent: Any = None) -
     """
     find_modules_in(path.parent)
     if "images" in table:
-        check_values(table, path)
         images: Application = load("sada_gym.envs.images.toml:images_of")(table, path, agent)
         return images
-    keys, required = application_keys()
-    check_known(f"key in {path}", table, [*keys])
-    if agent is not None:  # statistics beside the file's agent are not this one's
-        table = {
-            key: value for key, value in table.items() if key not in ("agent", "vec_normalize")
-        }
-        required = [key for key in required if key != "agent"]
-    missing = [key for key in required if key not in table]
-    if missing:
-        raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
-    check_values(table, path)
-    check_types(table, keys, path)
+    table = checked_table(table, path, *application_keys(), agent)
     server = server_of(table["environment"], path.parent)
     if server is None:
         _check_own(table["environment"], path)
     agents = {key: table[key] for key in ("agent", "privileged") if key in table}
-    arguments = {**table, **{key: agent_of(given, path, key) for key, given in agents.items()}}
+    arguments: dict[str, Any] = {
+        **table,
+        **{key: agent_of(given, path, key) for key, given in agents.items()},
+    }
     if agent is not None:
         arguments["agent"] = agent
     if "valid" in table:
@@ -161,6 +152,29 @@ def application_of(table: Mapping[str, Any], path: Path, *, agent: Any = None) -
         arguments["vec_normalize"] = path.parent / os.path.expanduser(table["vec_normalize"])
     environment = arguments.pop("environment")
     return GymnasiumApplication(environment if server is None else server, **arguments)
+
+
+def checked_table(
+    table: Mapping[str, Any],
+    path: Path,
+    keys: Mapping[str, Sequence[type]],
+    required: Sequence[str],
+    agent: Any,
+) -> dict[str, Any]:
+    """Return a file's table, without its agent where another one is given.
+
+    It raises `UserError` for a key that is unknown or missing, and for a value of the wrong type.
+    """
+    check_known(f"key in {path}", table, [*keys])
+    # statistics beside the file's agent are not another one's
+    unused = () if agent is None else ("agent", "vec_normalize")
+    kept = {key: value for key, value in table.items() if key not in unused}
+    missing = [key for key in required if key not in kept and key not in unused]
+    if missing:
+        raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
+    check_values(kept, path)
+    check_types(kept, keys, path)
+    return kept
 
 
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:

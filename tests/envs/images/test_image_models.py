@@ -193,3 +193,14 @@ def test_answers_that_break_the_convention_are_told():
 
     with pytest.raises(UserError, match=r"an answer of the model to an image of .* no such size"):
         find_model(broken, "detect", Preparation(), "cpu").found(square(1, 1))
+
+
+def test_weights_beside_an_onnx_file_belong_to_it(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    path = onnx_file(tmp_path / "c.onnx", (1, 3, 16, 16), [[0.0, 3.0, 1.0]])
+    whole = find_model(path, None, Preparation(), "cpu")
+    beside = {"save_as_external_data": True, "location": "d.onnx.data", "size_threshold": 0}
+    onnx.save_model(onnx.load(path), tmp_path / "d.onnx", **beside)
+    model = pickle.loads(pickle.dumps(find_model(tmp_path / "d.onnx", None, Preparation(), "cpu")))
+    assert model.found(square(10, 10)).classes.tolist() == [1]
+    assert model.fingerprint != whole.fingerprint

@@ -113,6 +113,8 @@ def test_what_cannot_begin_gets_a_sentence():
         ImageApplication([square(20, 20)], agent=serve(find_square))
     with pytest.raises(UserError, match=r"Expected an agent in tcp://127.0.0.1:1, but nobody"):
         detect("tcp://127.0.0.1:1")
+    with pytest.raises(UserError, match="device= as a name for tcp://"):
+        detect("tcp://127.0.0.1:1", device=3)
     if not torch.cuda.is_available():
         with pytest.raises(
             UserError, match="got an error: Expected a device that is here, got 'cu"
