@@ -98,7 +98,8 @@ def attack(
         resume: Whether to go on with the run that `out` holds, if it holds one.
         diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`; fresh
             worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
-            for each rule and 15 elsewhere.
+            for each rule and 15 elsewhere. Where the world in ordinary use is known, it and worlds
+            around it are played, too; the summary says how many.
         confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
             many more evaluations; see `sada_gym.measures.failures`. None takes 2, for as many
             failures as 5 % more evaluations pay for.
@@ -145,7 +146,7 @@ def attack(
             reserved = reserve_folder(folder, record, resume=resume)
         run = read_finished(folder, settings, opened.dimension) if resume else None
         if run is None:
-            run = _train_and_test(reserved, settings, solver, opened, report)
+            run = _train_and_test(reserved, settings, solver, opened, report, explore=diagnose)
         is_new = _diagnosed(run, opened, diagnose=diagnose, confirm=confirm, on_progress=report)
         frames: dict[int, Frame] = {}
         if pictures:
@@ -228,6 +229,8 @@ def _train_and_test(
     solver: Adversary,
     opened: OpenTarget,
     on_progress: OnProgress,
+    *,
+    explore: bool,
 ) -> Run:
     """Run Algorithm 1, and write what it finds."""
     folder, evaluator = reserved.folder, opened.evaluator
@@ -250,7 +253,7 @@ def _train_and_test(
         # saved before it samples: loaded again, it gives the same samples
         write_folder(folder / ADVERSARY_FOLDER, algorithm.adversary.save)
         algorithm.test()
-        result = algorithm.measure(explain=True)
+        result = algorithm.measure(explain=True, explore=explore)
         reserved.check(settings, store)
         write_samples(folder / SAMPLES_FILE, algorithm.samples)
         write_model(folder / RESULT_FILE, result)

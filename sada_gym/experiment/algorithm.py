@@ -198,10 +198,11 @@ class Algorithm1:
             )
         return mu
 
-    def measure(self, *, explain: bool = False) -> RunReport:
+    def measure(self, *, explain: bool = False, explore: bool = False) -> RunReport:
         """Measure the test samples and the search.
 
-        With `explain` it also says what matters, and explores the nominal world if it is known.
+        With `explain` it also says what matters. With `explore` it also plays worlds around the
+        nominal one, if that is known.
         """
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
@@ -234,7 +235,7 @@ class Algorithm1:
             invalid=invalid_worlds(self.application, self._train, self._test),
             uniform=self._uniform_queries(),
             in_use=self._failure_probability(),
-            nominal=self._nominal_world() if explain else None,
+            nominal=self._nominal_world() if explore else None,
             influences=self._influences() if explain else (),
         )
 
@@ -261,11 +262,11 @@ class Algorithm1:
         found = explore_nominal(
             *(space, nominal, play, known, self._threshold), samples=self.samples, combine=combine
         )
-        if not more:
-            return found
-        oracle(np.repeat(nominal[None], more, axis=0))
-        played = oracle.record[np.r_[:seeds, -more:0]]
-        return found.model_copy(update=how_often(played, self._threshold))
+        if more:
+            oracle(np.repeat(nominal[None], more, axis=0))
+            played = oracle.record[np.r_[:seeds, -more:0]]
+            found = found.model_copy(update=how_often(played, self._threshold))
+        return found.model_copy(update={"beside_budget": len(oracle.record)})
 
     def _influences(self) -> tuple[Influence, ...]:
         worlds = Evaluations.joined([self.queries, self.samples]).valid

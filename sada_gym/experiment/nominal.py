@@ -80,6 +80,7 @@ class NominalWorld(Strict):
         nearest: None without any failure.
         combined: None where the application does not ask for it, or the agent fails in the nominal
             world itself.
+        beside_budget: The evaluations that all this took; None in older files.
     """
 
     parameters: dict[str, float]
@@ -89,6 +90,7 @@ class NominalWorld(Strict):
     smallest: tuple[SmallestChange, ...]
     nearest: NearestFailure | None
     combined: Combined | None = None
+    beside_budget: int | None = None
 
 
 def most_worlds(dimension: int) -> int:

@@ -103,9 +103,30 @@ def test_an_attack_tells_of_the_nominal_world_and_of_what_matters(tmp_path):
     assert "what matters " in text
     assert "nearest failure " in text
     assert "as it is (nominal, 1 episode)" in text
+    beside = report.nominal.beside_budget
+    assert report.nominal.evaluations < beside <= SEEDS * most_worlds(3)
+    assert f"{beside} evaluations of the nominal world and around it" in " ".join(text.split())
     again = attack(Pole(), "memorise", budget=300, samples=50, out=tmp_path, resume=True,
                    pictures=False, progress=False)  # fmt: skip
     assert again.result == report
+
+
+def test_no_world_is_played_around_the_nominal_one_without_a_diagnosis(tmp_path):
+    played = []
+
+    class Counted(Pole):
+        def evaluate_batch(self, mu, seeds):
+            played.extend(seeds)
+            return super().evaluate_batch(mu, seeds)
+
+    keywords = {"budget": 300, "samples": 50, "pictures": False, "progress": False, "confirm": 0}
+    plain = attack(Counted(), "memorise", out=tmp_path / "plain", diagnose=False, **keywords)
+    assert len(played) == 350
+    assert plain.result.nominal is None
+    assert plain.result.influences
+    whole = attack(Counted(), "memorise", out=tmp_path / "whole", **keywords)
+    assert (plain.samples.score == whole.samples.score).all()
+    assert whole.result.nominal.beside_budget > 0
 
 
 def test_nothing_is_told_of_a_nominal_world_that_is_unknown(tmp_path):
