@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import Field
 
 from sada_gym.errors import FileError
-from sada_gym.foundations.figures import percent
+from sada_gym.foundations.figures import number, percent
 from sada_gym.foundations.files import OneLine, Strict, read_model
 
 ESTIMATE_FILE, DENSITY_FILE = "estimate.json", "density.png"
@@ -45,7 +45,9 @@ class ComparedAgent(Strict):
         low, high = self.ratio_interval
         ends = f"{low:.2g} to {high:.2g}" if high else f"{low:.2g} times or more"
         times = "more often" if self.ratio is None else f"{self.ratio:.2g} times as often"
-        rates = f"{odds(self.probability)}, {odds(self.interval[0])} to {odds(self.interval[1])}"
+        write = percent if self.probability >= _OFTEN else odds
+        rate, *each = (write(one) for one in (self.probability, *self.interval))
+        rates = f"{rate}, {' to '.join(each)}"
         return f"fails {times} (95 %: {ends}) as {self.agent} ({rates}) in the same worlds"
 
 
@@ -124,12 +126,10 @@ class FailureEstimate(Strict):
 
     def _in_use(self) -> str:
         unit, many = self.unit or "episodes", self.per or 1_000
-        low, high = (end * many for end in self.interval)
-        told = (
-            f"of {many:,} {unit} {self.probability * many:.2g} fail (95 %: {low:.2g} to {high:.2g})"
-        )
+        some, low, high = (number(many * one) for one in (self.probability, *self.interval))
         if not self.failures:
-            return f"of {many:,} {unit} fewer than {high:.2g} fail (95 %)"
+            return f"of {many:,} {unit} fewer than {high} fail (95 %)"
+        told = f"of {many:,} {unit} {some} fail (95 %: {low} to {high})"
         return f"{told}, one failure in {round(1.0 / self.probability):,} {unit}"
 
     def rows(self) -> Iterator[tuple[str, str]]:
