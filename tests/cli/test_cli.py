@@ -331,7 +331,7 @@ def test_the_result_is_all_that_stdout_gets(tmp_path):
     result = attack(tmp_path / "out")
     assert result.stdout.startswith("the agent in SADA-Analytic-v0, attacked by toy:Greedy\n")
     where = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["sentence"]
-    assert f"where                 {where}\n" in result.stdout
+    assert f" where {where} " in " ".join(result.stdout.split())
     assert all(line == line.rstrip() for line in result.stdout.splitlines())
 
 
