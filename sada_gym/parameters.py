@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -197,6 +197,10 @@ class ParameterSpace:
     def __len__(self) -> int:
         """Return the dimension d."""
         return len(self.parameters)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        """Yield the parameters."""
+        return iter(self.parameters)
 
     def __repr__(self) -> str:
         """List the parameters."""

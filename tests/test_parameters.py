@@ -18,6 +18,7 @@ def space() -> ParameterSpace:
 
 def test_a_space_knows_its_names_and_dimension(space: ParameterSpace) -> None:
     assert len(space) == 2
+    assert [parameter.name for parameter in space] == [*space.names]
     assert space.names == ("azimuth_deg", "distance_m")
 
 

@@ -222,7 +222,12 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
             f"{value!r}."
         )
     parameter = f" of parameter {name!r}"
-    kind = value.get("kind")
+    if (kind := value.get("kind")) is None:
+        raise UserError(
+            f'Expected the kind{parameter} in {path}, got none. Write kind = "keyword" for an '
+            'argument of the environment, kind = "attribute" for an attribute of it, or one of '
+            f"{', '.join([*KINDS][2:])}."
+        )
     check_known(f"kind{parameter} in {path}", [kind], [*KINDS])
     binding = KINDS[str(kind)]
     keys = binding_keys(binding)

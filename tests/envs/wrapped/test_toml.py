@@ -304,7 +304,11 @@ def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):
         ("[5, 20.0]", "[5]", r"parameter 'gravity' in .*pole.toml to be \[low, high\], got \[5\]"),
         ("[5, 20.0]", '["a", 2]', r"parameter 'gravity' in .* to be \[low, high\]"),
         ("[5, 20.0]", "5", "parameter 'gravity' in .* to be .* or a table with a kind, got 5"),
-        ("[5, 20.0]", "{ low = 1, high = 2 }", "the kind of parameter 'gravity' in .* got None"),
+        (
+            "[5, 20.0]",
+            "{ low = 1, high = 2 }",
+            "the kind of parameter 'gravity' in .* none. .*keyword",
+        ),
         ('"attribute"', '"atribute"', "got 'atribute'. Did you mean attribute"),
         ("unit =", "units =", "the key of parameter 'length' in .* got 'units'. Did you mean unit"),
         ("unit =", "key =", "the key of parameter 'length' in .* got 'key'"),
