@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sada_gym.agents.remote.server import serve
     from sada_gym.analyses.diagnose import diagnose
     from sada_gym.analyses.estimation.estimate import estimate
+    from sada_gym.analyses.recording import record
     from sada_gym.analyses.regression.export import export
     from sada_gym.analyses.regression.regress import regress
     from sada_gym.analyses.replay import replay
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from sada_gym.attacks import attack
     from sada_gym.envs.images.application import ImageApplication
     from sada_gym.envs.wrapped.application import GymnasiumApplication
+    from sada_gym.envs.wrapped.stress import StressEnv
     from sada_gym.evaluation.executors import Workers
     from sada_gym.evaluation.oracle import Oracle
     from sada_gym.foundations.behaviour import Behaviour
@@ -52,6 +54,7 @@ __all__ = [
     "ParameterSpace",
     "Run",
     "Scored",
+    "StressEnv",
     "Workers",
     "__version__",
     "attack",
@@ -62,6 +65,7 @@ __all__ = [
     "export",
     "load_run",
     "make_application",
+    "record",
     "register_environments",
     "regress",
     "replay",
@@ -80,6 +84,7 @@ __getattr__ = lazy_names(
         "Behaviour": "foundations.behaviour",
         "FailureCurriculum": "analyses.training",
         "GymnasiumApplication": "envs.wrapped.application",
+        "StressEnv": "envs.wrapped.stress",
         "ImageApplication": "envs.images.application",
         "Oracle": "evaluation.oracle",
         "Run": "run",
@@ -90,6 +95,7 @@ __getattr__ = lazy_names(
         "estimate": "analyses.estimation.estimate",
         "export": "analyses.regression.export",
         "load_run": "run",
+        "record": "analyses.recording",
         "regress": "analyses.regression.regress",
         "replay": "analyses.replay",
         "report": "analyses.report.make",

@@ -150,6 +150,13 @@ class WorldDensity:
         logs = np.array([cells.log_density(column) for cells, column in columns])
         return np.asarray(logs.sum(axis=0) - len(self._cells) * np.log(2.0))
 
+    @property
+    def highest(self) -> float:
+        """The greatest value of `log_density`."""
+        with np.errstate(divide="ignore"):
+            each = [np.log(one.masses / np.diff(one.edges)).max() for one in self._cells]
+        return float(np.sum(each) - len(each) * np.log(2.0))
+
     def from_normal(self, z: Floats) -> Mu:
         """Map standard normal numbers, (n, d), to mu, (n, d), that are as in ordinary use."""
         from scipy.special import ndtr

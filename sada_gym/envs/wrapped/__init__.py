@@ -24,6 +24,7 @@ from sada_gym.envs.wrapped.disturbances import (
 from sada_gym.envs.wrapped.events import ActuatorFailure, Event, RealTime, SensorFailure
 from sada_gym.envs.wrapped.forces import Force, Push, Wind
 from sada_gym.envs.wrapped.scores import Episode
+from sada_gym.envs.wrapped.stress import StressEnv
 from sada_gym.foundations.serve_environment import mujoco_fault
 
 __all__ = [
@@ -51,6 +52,7 @@ __all__ = [
     "RepeatedActions",
     "ResetOption",
     "SensorFailure",
+    "StressEnv",
     "Wind",
     "mujoco_fault",
 ]

@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -326,13 +327,12 @@ class GymnasiumApplication(EpisodePictures):
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
                 f"{parameters!r}."
             )
-        limit = factory.step_limit(env)
+        self.step_limit = limit = factory.step_limit(env)
         bindings = {
             key: as_binding(key, given, factory).within(key, limit)
             for key, given in parameters.items()
         }
-        spaces = (binding.parameters(key) for key, binding in bindings.items())
-        self.parameters = ParameterSpace(*chain.from_iterable(spaces))
+        self.parameters = _space_of(bindings)
         for key, binding in bindings.items():
             binding.check(key, factory, env)
         check_distinct(bindings)
@@ -345,12 +345,43 @@ class GymnasiumApplication(EpisodePictures):
             )
         places = [place for key, b in bindings.items() for place in b.places(key, factory, env)]
         known = [place for place in places if place is not None]
-        densities = {
-            name: one for key, b in bindings.items() for name, one in b.densities(key).items()
-        }
-        self.density = WorldDensity(self.parameters, densities) if densities else None
+        self.density = _density_of(bindings, self.parameters)
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return bindings
+
+    def stepwise(self) -> GymnasiumApplication:
+        """Return a copy whose parameters each have a value of their own in every step.
+
+        Raises:
+            UserError: If a parameter cannot change during an episode, there is a `feasible` region,
+                several episodes count, or the limit of steps is unknown.
+        """
+        spec, limit = self.episode_spec, self.step_limit
+        fixed = [
+            key
+            for key, b in spec.bindings.items()
+            if not b.varies or b.knots is not None or b.count != 1 or getattr(b, "passes", False)
+        ]
+        if fixed or limit is None or self._feasible.conditions or self._episode_count > 1:
+            raise UserError(
+                "Expected parameters that may change in each step (disturbances, forces, Attribute "
+                "and Function, without knots and times), one episode, a limit of steps and no "
+                f"feasible region in {self.name}, got {', '.join(fixed) or 'one of the others'}. "
+                "Make an application of its own for it."
+            )
+        bindings: dict[str, ParameterBinding] = {
+            key: replace(binding, knots=limit, curve="steps", over=limit)
+            for key, binding in spec.bindings.items()
+        }
+        changed = copy(self)
+        changed.episode_spec = replace(spec, bindings=bindings)
+        changed.parameters = _space_of(bindings)
+        changed.density = _density_of(bindings, changed.parameters)
+        if self.nominal is not None:
+            changed.nominal = np.repeat(self.nominal, limit)
+        for measured in ("_measured", "_asked_twice"):
+            changed.__dict__.pop(measured, None)
+        return changed
 
     def _keeper(
         self,
@@ -469,3 +500,16 @@ class GymnasiumApplication(EpisodePictures):
             "else knows when such a function changes. Pass agent_id='a name', and another name "
             "whenever you change the agent or a function."
         )
+
+
+def _space_of(bindings: Mapping[str, ParameterBinding]) -> ParameterSpace:
+    spaces = (binding.parameters(key) for key, binding in bindings.items())
+    return ParameterSpace(*chain.from_iterable(spaces))
+
+
+def _density_of(
+    bindings: Mapping[str, ParameterBinding], space: ParameterSpace
+) -> WorldDensity | None:
+    pairs = (pair for key, b in bindings.items() for pair in b.densities(key).items())
+    densities = dict(pairs)
+    return WorldDensity(space, densities) if densities else None

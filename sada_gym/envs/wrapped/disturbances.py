@@ -36,6 +36,9 @@ _MOST_STEPS = 1_000_000
 class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Disturbs one episode as much as a value says, by a generator of its own."""
 
+    lag: ClassVar[int] = 0
+    """1 for observations, which have the value of the step that led to them."""
+
     def __init__(self, env: Env, value: Any, rng: Generator) -> None:
         super().__init__(env)
         self._given, self.rng = value, rng
@@ -44,7 +47,7 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
     def value(self) -> Any:
         """How much it disturbs at this step."""
         given = self._given
-        return given(self.time) if isinstance(given, Profile) else given
+        return given(max(self.time - self.lag, 0)) if isinstance(given, Profile) else given
 
     @property
     def time(self) -> int:
@@ -64,6 +67,8 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
 class ChangedObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
     """Changes the numbers of some Boxes of an observation; None is the key of a Box alone."""
+
+    lag = 1
 
     def among(self, boxes: Mapping[str | None, Any], entries: tuple[int, ...] | None) -> None:
         """Set the Boxes, and the entries that change; None means all."""
@@ -150,6 +155,8 @@ def _is_picture(box: spaces.Box[Any]) -> bool:
 
 
 class _LateObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
+    lag = 1
+
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._queue: deque[Any] = deque(maxlen=self.most + 1)
         return super().reset(**kwargs)
@@ -160,6 +167,8 @@ class _LateObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
 
 
 class _LostObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any]):
+    lag = 1
+
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._last: list[Any] = []
         return super().reset(**kwargs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ import numpy as np
 Curve = Literal["linear", "cubic", "steps"]
 """Straight lines between the knots, a smooth curve, or a constant value from knot to knot."""
 
-MOST_KNOTS = 1_000
+MOST_KNOTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,24 @@ class Profile:
             between = np.clip(between, min(self.values), max(self.values))  # but for rounding
         rounded: list[Any] = np.floor(between + 0.5).astype(int).tolist()
         return rounded if self.whole else between.tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class Live(Profile):
+    """A value that somebody chooses while the episode goes on; copies share it.
+
+    `values` holds the greatest one that may be chosen.
+    """
+
+    chosen: list[Any] = field(default_factory=list)
+
+    def __call__(self, step: int) -> Any:  # noqa: ARG002
+        """Return what was chosen last."""
+        return self.chosen[-1]
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Live:
+        """Return the same."""
+        return self
 
 
 def now(value: Any, step: int) -> Any:
