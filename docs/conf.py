@@ -31,7 +31,7 @@ project_copyright = f"2026, {author}"
 release = version = sada_gym.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
@@ -40,6 +40,8 @@ extensions = [
 exclude_patterns = ["_build"]
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
+# notebooks keep what they printed and drew: `python -m tools.run_notebooks` runs them
+nb_execution_mode = "off"
 
 html_theme = "furo"
 html_static_path = ["_static"]
