@@ -70,7 +70,7 @@ def curves(space: ParameterSpace, worlds: Evaluations, threshold: float) -> Figu
         span(axes, "y", parameter)
         tidy(axes, grid="y")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False)
+    figure.legend(handles, labels, loc="outside lower left", ncols=2, frameon=False)
     title = "Over the episode: medians, and bands of 80 %"
     figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
     return figure

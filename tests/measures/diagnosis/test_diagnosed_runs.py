@@ -36,7 +36,7 @@ def test_an_attack_ends_with_a_diagnosis_and_a_resumed_one_reads_it(tmp_path):
     assert result.diagnosis is not None
     assert result.diagnosis.fresh >= 30  # 15 in the rule and 15 outside, not 5 % of the budget
     assert read_diagnosis(result.folder) == result.diagnosis
-    assert "weakness" in str(result)
+    assert "elsewhere" in str(result)
     evaluated = log.read_text()
     again = toy_attack(tmp_path / "run", Toy(log=str(log)), resume=True)
     assert again.diagnosis == result.diagnosis
