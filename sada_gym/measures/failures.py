@@ -113,7 +113,7 @@ class Failures(Strict):
         )
         low, high = self.confirmed_afr.interval_95
         rate = f"{percent(self.confirmed_afr.rate)} ({100 * low:.0f} to {100 * high:.0f})"
-        return f"{rate} confirmed: {count} of {tried} again on {on}"
+        return f"{rate} confirmed: {count} of {tried} fail again on {on}"
 
 
 def read_failures(run: str | Path) -> Failures | None:

@@ -49,7 +49,7 @@ def test_each_failure_is_tried_again_on_seeds_that_nothing_else_used(tmp_path: P
     certainties = [failure.fooled_seeds for failure in failures.failures]
     assert certainties == sorted(certainties, reverse=True)
     text = repr(result)
-    assert f" confirmed: {confirmed} of {len(failures.failures)} again on most of 5" in text
+    assert f" confirmed: {confirmed} of {len(failures.failures)} fail again on most of 5" in text
 
 
 def test_groups_hold_each_failure_once_and_a_representative(tmp_path: Path) -> None:

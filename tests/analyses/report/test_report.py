@@ -154,7 +154,7 @@ def test_a_later_diagnosis_or_confirmation_makes_the_report_anew(copied, tmp_pat
     command = ["diagnose", str(copied), "--confirm", "1", "--fresh", "20"]
     assert CliRunner().invoke(app, command).exit_code == 0
     shown = Page((copied / "report.html").read_bytes())
-    assert " again on a fresh seed" not in shown.text
+    assert " fail again on a fresh seed" not in shown.text
     assert "of these, again" in shown.text
     assert run(resumed, resume=True, confirm=1).html is not None
     assert "of these, again" in Page((resumed / "report.html").read_bytes()).text

@@ -119,7 +119,7 @@ def test_the_rate_is_over_samples_in_valid_worlds(tmp_path):
     assert 0 < valid.sum() < 60
     assert result.result.afr == result.samples.fooled(0.5)[valid].mean()
     assert result.result.fooled == result.samples.fooled(0.5).sum()
-    assert f"of {valid.sum()} samples in valid worlds" in str(result)
+    assert f", {valid.sum()} worlds)" in str(result)
 
 
 def test_too_many_invalid_worlds_end_the_attack_with_advice(tmp_path):
