@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
@@ -104,11 +105,17 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
 
 
 def describe(entry: Entry) -> str:
-    """Say what an entry's adversary does: its own words, or those of the adversary of that name."""
-    name = entry.adversary.name if entry.adversary else ""
-    summaries = {row.name: row.summary.replace("`", "") for row in registry.describe()}
-    is_ours = entry.metadata.authors == AUTHORS
-    return entry.metadata.description or (summaries.get(name, "") if is_ours else "")
+    """Say what an entry's adversary does: its own words, or of a baseline those of its class."""
+    metadata = entry.metadata
+    if metadata.description or metadata.authors != AUTHORS or entry.adversary is None:
+        return metadata.description
+    return _summaries().get(entry.adversary.name, "")
+
+
+@cache
+def _summaries() -> dict[str, str]:
+    """Say what each of our adversaries does; it loads them all."""
+    return {row.name: row.summary.replace("`", "") for row in registry.describe()}
 
 
 def made_by(entry: Entry) -> str:
