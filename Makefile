@@ -34,9 +34,8 @@ $(VENV)/.installed: $(VENV)/.package
 	@$(call INSTALL,-e '.[dev]')
 	@touch $@
 
-attack: $(VENV)/.package  ## attack the shipped detector with BBGAN
-	@echo "Attacking the detector in 20,000 worlds; the results go to $(OUT)"
-	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
+attack: $(VENV)/.package  ## attack the shipped detector in three ways, and compare them
+	@$(BIN)/python examples/three_attacks.py --out $(OUT)
 
 test: $(VENV)/.installed  ## the fast tests
 	$(TEST) -m 'not slow and not long'

@@ -59,7 +59,7 @@ SMALLER = (
         r"num_envs=4))\1\2.learn(128)",
     ),
     (r"\bTRAINING_STEPS = [\d_]+", "TRAINING_STEPS = 64"),
-    (r"\bBUDGET = 1_000\b", "BUDGET = 40"),
+    (r"\bBUDGET = [12]_000\b", "BUDGET = 40"),
     (
         r"(\"level-set\", budget=BUDGET)\b",
         r"\1, samples=8, pictures=False, options={'rounds': 1, 'models': ['trees']}",
@@ -302,10 +302,13 @@ def test_linked_files_exist(page: Path) -> None:
 
 
 def test_the_readme_knows_what_make_attack_does() -> None:
-    command = re.search(r"attack (\S+) --adversary bbgan --budget (\d+)", _read("Makefile"))
-    assert command is not None
-    assert command[1] == "SADA-Detection-Car-v0"
-    assert f"{int(command[2]):,} worlds" in _read("README.md")
+    (example,) = re.findall(r"python (examples/\w+\.py) --out", _read("Makefile"))
+    assert '"SADA-Detection-Car-v0"' in _read(example)
+    names, readme = runpy.run_path(str(ROOT / example)), _read("README.md")
+    assert f"{names['BUDGET']:,} queries" in readme
+    for adversary in names["ATTACKS"].values():
+        (row,) = re.findall(rf"^    {adversary} .*%$", readme, re.MULTILINE)
+        assert row in _read("docs/index.md")
 
 
 def _read(name: str) -> str:
