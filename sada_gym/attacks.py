@@ -78,9 +78,9 @@ def attack(
 ) -> Run:
     """Train an adversary against an application and measure what it learnt.
 
-    The test samples are evaluated on seeds that training never used. Killed at any moment and
-    called again with `resume=True`, it repeats no committed evaluation and ends with the same
-    result.
+    The test samples are evaluated on seeds that training never used. If the process is killed,
+    call it again with `resume=True`: no committed evaluation is repeated, and the result is the
+    same.
 
     Args:
         environment: An environment's id, the path of a TOML file, or an `Application`.
@@ -95,14 +95,14 @@ def attack(
         options: The adversary's options; they replace the preset's.
         workers: 1 evaluates in this process, more evaluate in as many others. The result does not
             depend on it. See `Workers`.
-        resume: Whether to go on with the run that `out` holds, if it holds one.
-        diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`; fresh
-            worlds check them, which costs 5 % more evaluations, but at most 200, and at least 15
-            for each rule and 15 elsewhere. Where the world in ordinary use is known, it and worlds
-            around it are played, too; the summary says how many.
-        confirm: Tries each failure among the samples again on so many fresh seeds, which costs as
-            many more evaluations; see `sada_gym.measures.failures`. None takes 2, for as many
-            failures as 5 % more evaluations pay for.
+        resume: Whether to continue the run that `out` holds, if it holds one.
+        diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`. Fresh worlds
+            check them, which costs 5 % more evaluations: at most 200, at least 15 for each rule
+            and 15 elsewhere. If the world in ordinary use is known, it and worlds around it are
+            played, too; the summary says how many.
+        confirm: On how many fresh seeds to try each failing sample again, one evaluation each; see
+            `sada_gym.measures.failures`. None takes 2, for as many failures as fit into 5 % more
+            evaluations.
         pictures: Whether to draw pictures.
         html: Whether to write report.html, if pictures are drawn.
         progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every

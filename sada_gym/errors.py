@@ -91,7 +91,7 @@ class WorkerError(RuntimeError):
 
 
 class AgentLost(WorkerError):  # noqa: N818 - reads as what happened
-    """An agent in a process of its own that died, stalled or answered nonsense."""
+    """An agent in a separate process that died, stalled or answered nonsense."""
 
 
 class ServerLost(WorkerError):  # noqa: N818 - reads as what happened
@@ -105,7 +105,7 @@ def check_integer(name: str, value: object, minimum: int, maximum: int | None = 
     """
     try:
         if isinstance(value, bool):
-            raise TypeError("a bool is no number")
+            raise TypeError("a bool is not a number")
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError as error:
         raise UserTypeError(f"Expected {name} to be a whole number, got {value!r}.") from error

@@ -99,7 +99,7 @@ class Dialogue:
         if scores.shape != (len(told),) or not np.isfinite(scores).all():
             raise UserError(
                 f"Expected {len(told)} finite scores, got an array of shape {scores.shape} with "
-                f"{int((~np.isfinite(scores)).sum())} NaN or infinite. Tell one score a query."
+                f"{int((~np.isfinite(scores)).sum())} NaN or infinite. Tell one score per query."
             )
         for row, score in zip(told, scores.tolist(), strict=True):
             places = self._untold.get(row.tobytes())

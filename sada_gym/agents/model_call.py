@@ -106,8 +106,9 @@ class ModelCall:
         self.layout: StateLayout | None = None
         if not deterministic and getattr(model, "use_sde", False):
             raise UserError(
-                f"Expected a policy that draws each action anew, got {type(model).__name__} with "
-                "use_sde=True, whose noise lasts for several steps. Use deterministic=True."
+                "Expected a policy that draws each action separately, got "
+                f"{type(model).__name__} with use_sde=True, whose noise lasts for several steps. "
+                "Use deterministic=True."
             )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -51,8 +51,8 @@ def diagnose(
 
     Rules are found among the training queries and the test samples; fresh uniform worlds inside
     and outside decide which of them stand. The diagnosis is written to the run's folder as
-    diagnosis.json, and the fresh scores are kept there, so that a call that was stopped goes on
-    where it was. Where the training queries are lost, a diagnosis that knew them is kept, and
+    diagnosis.json, and the fresh scores are kept there, so that a stopped call continues where
+    it was. Where the training queries are lost, a diagnosis that knew them is kept, and
     returned, until its file is removed.
 
     Args:
@@ -103,7 +103,7 @@ def analyse(
         run: The run.
         opened: What it attacked. An evaluator with a store gives it up.
         rules: Whether to diagnose it; without, the failures alone are listed.
-        diagnosis: An earlier one, which is completed instead of made anew.
+        diagnosis: An earlier one, which is completed instead of made again.
         fresh: See `diagnose`.
         confirm: See `diagnose`, and for None `sada_gym.attack`.
         on_scores: See `OnAnalysis`.
@@ -218,7 +218,7 @@ def _better_diagnosis(run: Run) -> Diagnosis | None:
     if older is not None and older.worlds > now:
         warnings.warn(
             f"{lost}, so the older diagnosis is kept: it knew {older.worlds:,} worlds, and a new "
-            f"one would know {now:,}. Remove {run.folder / DIAGNOSIS_FILE} to make it anew.",
+            f"one would know {now:,}. Remove {run.folder / DIAGNOSIS_FILE} to make it again.",
             Notice,
             stacklevel=3,
         )

@@ -43,9 +43,9 @@ def confirm_failures(
     workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Failures | None:
-    """Try each failure of a finished run again on fresh seeds, and write failures.json anew.
+    """Try each failure of a finished run again on fresh seeds, and write failures.json again.
 
-    The scores are kept in the run's folder: a call that was stopped goes on where it was, and one
+    The scores are kept in the run's folder: a stopped call continues where it was, and one
     with more seeds asks only for these.
 
     Args:

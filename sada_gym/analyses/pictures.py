@@ -23,7 +23,7 @@ def draw_missing(
 ) -> dict[int, Frame]:
     """Draw all pictures of an attack into its folder.
 
-    Those that are there already stay as they are, unless all are to be drawn anew.
+    Those that are there already stay as they are, unless all are to be drawn again.
 
     Returns:
         The frames that the sheet of failures shows, by the samples' rows; none where it was there.

@@ -47,8 +47,8 @@ def record(
 ) -> Run:
     """Write worlds into a folder as the samples of a run, which all analyses then take.
 
-    Nothing is learnt or scored anew but what tells and draws failures: `replay`, `report`, `export`
-    and `regress` take the run as one of `attack`. It holds no adversary.
+    Nothing is learnt, and only worlds that are described or drawn are scored again. `replay`,
+    `report`, `export` and `regress` take the run as one of `attack`. It holds no adversary.
 
     Args:
         application: What the worlds belong to; of `StressEnv` its `application`.

@@ -152,7 +152,7 @@ def transfer(
     A sample keeps its physical values: where a range differs, mu does too. What lies outside a
     range is moved to its end, and counted. Beside the samples stand as many ordinary worlds, a
     hundred at most: where these fail as well, samples that fail say little. The scores are kept in
-    `elsewhere.sqlite` in the run's folder, so that a call that was stopped goes on where it was.
+    `elsewhere.sqlite` in the run's folder, so that a stopped call continues where it was.
 
     Args:
         runs: Runs, or their folders.

@@ -39,9 +39,11 @@ def attack(
     context: typer.Context,
     env_id: str = typer.Argument(
         metavar="ID|FILE.toml",
-        help="The environment; `sada-gym envs` lists them. Or a file that describes one.",
+        help="The environment (`sada-gym envs` lists them), or a file that describes one.",
     ),
-    adversary: str = option("level-set", "`sada-gym adversaries` lists them.", "--adversary", "-a"),
+    adversary: str = option(
+        "level-set", "The adversary; `sada-gym adversaries` lists them.", "--adversary", "-a"
+    ),
     preset: str | None = option(None, "A named set of the adversary's options, such as `paper`."),
     env_kwargs: list[str] | None = env_kwargs_option(),
     agent: str | None = option(
@@ -50,41 +52,41 @@ def attack(
         metavar="NAME|FILE",
     ),
     set_: list[str] | None = option(
-        None, "An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"
+        None, "An option of the adversary, such as steps=600; repeatable.", "--set", metavar="k=v"
     ),
     budget: int = option(
-        2_000, "Number of training queries; with 0 only `random` and `ideal` work.", minimum=0
+        2_000, "The number of training queries; 0 works with `random` and `ideal`.", minimum=0
     ),
     samples: int | None = option(
-        None, "Number of test samples.", minimum=1, shown="the environment's own"
+        None, "The number of test samples.", minimum=1, shown="the environment's own"
     ),
     seed: int = option(0, "Fixes the whole result.", minimum=0),
     workers: int | None = workers_option(None, f"the cores, at most {_MAX_WORKERS}"),
     executor: str = executor_option(),
     out_folder: Path | None = option(
-        None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
+        None, "The folder for the results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
     diagnose: bool = option(
         True,
-        "Whether to find the weaknesses, with 5 % more evaluations, at most 200, but at least 15 "
-        "for each rule and 15 elsewhere.",
+        "Find the weaknesses. This costs 5 % more evaluations: at most 200, at least 15 for each "
+        "rule and 15 elsewhere.",
     ),
     confirm: int | None = option(
         None,
-        "Fresh seeds on which each failure among the samples is tried again.",
+        "On how many fresh seeds to try each failing sample again.",
         minimum=0,
-        shown="2, for as many failures as 5 % more evaluations pay for",
+        shown="2, for as many failures as fit into 5 % more evaluations",
     ),
-    resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
-    no_report: bool = option(False, "Leave report.html out.", "--no-report"),
+    resume: bool = option(False, "Continue the run in DIR.", "--resume"),
+    no_report: bool = option(False, "Write no report.html.", "--no-report"),
     as_json: bool = json_option("result.json"),
 ) -> None:
     """Train an adversary against an agent and measure how often its samples fool it.
 
     DIR receives report.html for people, result.json (the attack fooling rate with its interval,
     and all settings), diagnosis.json (the weaknesses), worlds.csv, samples.npz, pictures, the
-    trained adversary, and run.sqlite, which holds every evaluation: a run that was stopped at any
-    moment goes on with --resume and ends with the same result.
+    trained adversary, and run.sqlite, which holds every evaluation. You can stop a run at any
+    moment: --resume continues it, and the result is the same.
     """
     track = Path(env_id).stem if names_file(env_id) else env_id
     folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
@@ -102,9 +104,9 @@ def attack(
         if (note := default_note(env_id, keywords)) is not None:
             say(note, console=err)
         if resume and (folder / "result.json").exists():
-            say(f"{folder} holds a finished run. It is read, not done again.", console=err)
+            say(f"{folder} holds a finished run. It is shown, not repeated.", console=err)
         if confirm:
-            say(f"Each failure costs {confirm} more evaluations, to confirm it.", console=err)
+            say(f"Confirming costs {confirm} more evaluations for each failure.", console=err)
         from sada_gym.attacks import attack as run_attack
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.experiment.progress import AttackProgress
@@ -154,9 +156,9 @@ def _show_stop(folder: Path) -> None:
         except StoreError:  # a stop at a bad moment leaves it open; what is in it is safe
             kept = "The evaluations"
     if kept == "No evaluation":
-        say("\nStopped before the first evaluation. Nothing is kept.", console=err)
+        say("\nStopped before the first evaluation. Nothing was saved.", console=err)
     else:
-        show_resume_hint(f"{kept} are kept in {path}.", "--resume")
+        show_resume_hint(f"{kept} are saved in {path}.", "--resume")
 
 
 def _show_result(run: Run) -> None:

@@ -62,7 +62,7 @@ def benchmark(
     samples: int | None = option(None, "Test samples.", minimum=1, shown="the environments' own"),
     images: int | None = option(
         None,
-        "Samples, on the first seed, whose nearest queries are compared as images.",
+        "For how many samples of the first seed to compare the nearest queries as images.",
         minimum=0,
         shown="the suite's own",
     ),
@@ -70,31 +70,31 @@ def benchmark(
     executor: str = executor_option(),
     out_folder: Path | None = option(
         None,
-        "Evaluations, costs, tables, pictures.",
+        "The folder for evaluations, costs, tables and pictures.",
         "--out",
         metavar="DIR",
         shown="runs/benchmark-SUITE",
     ),
     entries: Path | None = option(
-        None, "Results, as entries of the leaderboard.", metavar="DIR", shown="DIR/entries"
+        None, "The folder for results as leaderboard entries.", metavar="DIR", shown="DIR/entries"
     ),
     references: Path | None = option(
-        None, "The reference sets.", metavar="DIR", shown="the shipped ones"
+        None, "The folder of the reference sets.", metavar="DIR", shown="the shipped ones"
     ),
     report: bool = option(
         False,
-        "Run nothing; report what DIR holds by now, with --suite of that suite alone.",
+        "Run nothing; report what DIR holds so far; with --suite, only that suite.",
         "--report",
     ),
-    plan: bool = option(False, "Run nothing; say which runs are missing and their cost.", "--plan"),
+    plan: bool = option(False, "Run nothing; list missing runs and their cost.", "--plan"),
     as_json: bool = json_option(),
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
 
-    Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
-    adversaries: finished runs are not repeated, outdated ones are. DIR receives
-    entries/ with the results, table.md and pictures/ for readers, stores/ with all evaluations,
-    and timings.jsonl. Another machine goes on with the entries alone.
+    Call it again with the same DIR after a stop, or with more tracks, seeds or adversaries: it
+    repeats only outdated runs. DIR receives entries/ with the results, table.md and pictures/ for
+    readers, stores/ with all evaluations, and timings.jsonl. Another machine needs only the entries
+    to continue.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
@@ -138,9 +138,9 @@ def benchmark(
             except KeyboardInterrupt as stop:
                 runs = f"{progress.finished:,} finished runs"
                 show_resume_hint(
-                    f"{runs} and all evaluations are kept in {folder}."
+                    f"{runs} and all evaluations are saved in {folder}."
                     if entries is None
-                    else f"{runs} are kept in {entries}, and all evaluations in {folder}."
+                    else f"{runs} are saved in {entries}, and all evaluations in {folder}."
                 )
                 raise typer.Exit(stop_code(stop)) from None
     _show_result(result, as_json)
@@ -163,7 +163,7 @@ def _show_outlook(outlook: Outlook, as_json: bool) -> None:
         out.print(table)
         unknown = sum(cost.unknown for cost in costs)
         if unknown == sum(cost.runs for cost in costs):
-            say("No run like these was timed yet, so the core hours are not known.")
+            say("No run like these was timed yet, so the core hours are unknown.")
         else:
             rest = f", without {unknown:,} runs of kinds that were never timed" if unknown else ""
             say(f"About {sum(cost.core_hours for cost in costs):.1f} core hours{rest}.")

@@ -21,7 +21,7 @@ from sada_gym.cli.console import (
 
 def envs(
     env_id: str | None = typer.Argument(
-        None, metavar="[ID|FILE.toml]", help="Show this one's parameters."
+        None, metavar="[ID|FILE.toml]", help="The environment whose parameters to show."
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
     as_json: bool = json_option(),

@@ -41,8 +41,8 @@ def check(
 ) -> None:
     """Check an application against the contract: scores, seeds, purity, Gymnasium.
 
-    FILE.py is imported, so let it be your own. All applications at its top level are checked,
-    and one of each class that needs no arguments. Exit code 1 where a check fails.
+    FILE.py is imported, so name only a file that you trust. All applications at its top level are
+    checked, and one of each class that needs no arguments. The exit code is 1 if a check fails.
     """
     found: Sequence[Check] = ()
     status = Status("Opening", console=err)

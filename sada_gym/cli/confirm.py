@@ -32,17 +32,17 @@ def confirm(
     run: Path = run_argument(),
     env_kwargs: list[str] | None = env_kwargs_option(),
     seeds: int | None = option(
-        None, "Try each failure on so many fresh seeds.", minimum=1, shown=f"{_SEEDS}"
+        None, "On how many fresh seeds to try each failure.", minimum=1, shown=f"{_SEEDS}"
     ),
     samples: int | None = option(
-        None, "With --env-kwargs: take the first so many.", minimum=1, shown="all"
+        None, "With --env-kwargs: use only this many samples.", minimum=1, shown="all"
     ),
     workers: int = workers_option(1),
     executor: str = executor_option(),
     application: str | None = application_option(),
     out_file: Path | None = option(
         None,
-        "With --env-kwargs: the figures; the scores lie beside them.",
+        "With --env-kwargs: the file for the figures; the scores go next to it.",
         "--out",
         metavar="FILE.json",
         shown="RUN/confirmed.json",
@@ -51,9 +51,9 @@ def confirm(
 ) -> None:
     """Try a run's failures again: on fresh seeds, or in its track with changed keywords.
 
-    Search in a fast world, confirm in a slow one: --env-kwargs renderer=blender takes all samples,
-    with their seeds, and RUN receives confirmed.json and confirmed.npz. The same command goes on
-    after a stop.
+    Search in a fast world, confirm in a slow one: --env-kwargs renderer=blender scores all samples
+    again, with their seeds, and RUN receives confirmed.json and confirmed.npz. After a stop, the
+    same command continues.
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")

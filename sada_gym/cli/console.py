@@ -64,13 +64,13 @@ def option(
 
 def env_kwargs_option() -> Any:
     """Declare `--env-kwargs`."""
-    text = "A keyword of the environment, as object_class=car; repeatable."
+    text = "A keyword of the environment, such as object_class=car; repeatable."
     return option(None, text, "--env-kwargs", metavar="k=v")
 
 
 def workers_option(default: int | None, shown: str | bool = True) -> Any:
     """Declare `--workers`."""
-    text = "Processes; the result does not depend on it."
+    text = "The number of processes; the result does not depend on it."
     return option(default, text, "--workers", minimum=1, shown=shown)
 
 
@@ -81,7 +81,7 @@ def run_argument() -> Any:
 
 def application_option(run: str = "a run") -> Any:
     """Declare `--application`."""
-    text = f"What was attacked, where {run} cannot say it."
+    text = f"What was attacked, if {run} cannot tell."
     return option(None, text, metavar="ID|FILE.toml", shown="what RUN names")
 
 
@@ -92,7 +92,7 @@ def executor_option() -> Any:
 
 
 def json_option(what: str = "the result") -> Any:
-    """Declare `--json`, which prints one JSON document in the place of all else on stdout."""
+    """Declare `--json`, which prints one JSON document on stdout instead of all else."""
     text = f"Print {what} as JSON, and nothing else."
     return typer.Option(False, "--json", help=text, callback=_keep_stdout_clean)
 
@@ -220,7 +220,7 @@ def show_resume_hint(kept: str, *more: str) -> None:
     words = ["sada-gym" if is_on_path else called, *given]
     command = shlex.join(words + [option for option in more if option not in given])
     say(f"\nStopped. {kept}", console=err)
-    say("Go on with:", console=err)
+    say("Continue with:", console=err)
     err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -245,9 +245,9 @@ def scores_progress(*, kept: bool = True) -> Iterator[Callable[[int, int, int], 
             yield show
     except KeyboardInterrupt:
         if kept:
-            show_resume_hint(f"{done:,} scores are kept.")
+            show_resume_hint(f"{done:,} scores are saved.")
         else:
-            say("\nStopped. No score is kept; --store FILE keeps them.", console=err)
+            say("\nStopped. No score was saved; --store FILE saves them.", console=err)
         raise typer.Exit(130) from None
 
 

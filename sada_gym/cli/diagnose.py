@@ -22,12 +22,12 @@ def diagnose(
     run: Path = run_argument(),
     fresh: int | None = option(
         None,
-        "Fresh worlds to check the rules with.",
+        "How many fresh worlds check the rules.",
         minimum=0,
         shown="5 % of the run's budget, at most 200, but at least 15 a rule and 15 elsewhere",
     ),
     confirm: int = option(
-        0, "Fresh seeds on which each failure among the samples is tried again.", minimum=0
+        0, "On how many fresh seeds to try each failing sample again.", minimum=0
     ),
     workers: int = workers_option(1),
     application: str | None = application_option(),
@@ -35,8 +35,8 @@ def diagnose(
 ) -> None:
     """Find one to five weaknesses: rules over physical parameters where the agent fails.
 
-    RUN receives diagnosis.json, and its report.html, if it has one, is made anew. The same command
-    goes on after a stop.
+    RUN receives diagnosis.json, and its report.html, if any, is updated. After a stop, the same
+    command continues.
     """
     with errors_as_sentences():
         from sada_gym.analyses.diagnose import diagnose as find

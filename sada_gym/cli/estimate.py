@@ -25,13 +25,13 @@ from sada_gym.cli.report import make_anew
 
 def estimate(
     what: str = typer.Argument(
-        metavar="RUN|ID|FILE.toml", help="The folder of a run, or what to estimate it of."
+        metavar="RUN|ID|FILE.toml", help="The folder of a run, or what to evaluate."
     ),
-    budget: int = option(2_000, "Number of fresh evaluations.", minimum=20),
+    budget: int = option(2_000, "The number of fresh evaluations.", minimum=20),
     seed: int = option(0, "Fixes the whole result.", minimum=0),
     density: list[str] | None = option(
         None,
-        "A parameter's density in ordinary use; repeatable. Parameters without one are then "
+        "A parameter's density in ordinary use; repeatable; parameters without one are then "
         "uniform. Or a table of logged worlds, to which a density is fitted.",
         metavar='NAME={"normal": [MEAN, SD]}|FILE.csv',
         shown="those of the environment",
@@ -41,23 +41,29 @@ def estimate(
     executor: str = executor_option(),
     application: str | None = application_option(),
     store: Path | None = option(
-        None, "Keep the scores, to go on after a stop.", metavar="FILE", shown="the folder of a run"
+        None,
+        "Save the scores, so that the command can continue after a stop.",
+        metavar="FILE",
+        shown="the folder of a run",
     ),
     beside: str | None = option(
         None,
-        "Another agent in the same worlds: how many times as often does the first one fail?",
+        "Compare with another agent in the same worlds: how many times as often does the first "
+        "one fail?",
         metavar="AGENT|RUN|FILE.toml",
     ),
-    per: int | None = option(None, "Tell the failures in so many uses.", minimum=1),
+    per: int | None = option(
+        None, "Also print how many of this many uses fail, such as 1000.", minimum=1
+    ),
     unit: str | None = option(
-        None, "What an episode is, where it is a use, such as flights.", metavar="WORD"
+        None, "What one episode is called in that line, such as flights.", metavar="WORD"
     ),
     as_json: bool = json_option("the estimate"),
 ) -> None:
-    """Estimate with which probability an agent fails in ordinary use, with a 95 % interval.
+    """Estimate how likely an agent fails in ordinary use, with a 95 % interval.
 
-    RUN receives estimate.json, and its report.html, if it has one, is made anew. The same command
-    goes on after a stop.
+    RUN receives estimate.json, and its report.html, if any, is updated. After a stop, the same
+    command continues.
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")

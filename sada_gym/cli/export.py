@@ -26,27 +26,27 @@ def export(
     ),
     out_file: Path = option(
         ...,
-        "The suite: a .json file, or a folder for suite.json; else a file.",
+        "For a suite, a .json file or a folder for suite.json; otherwise a file.",
         "--out",
         metavar="FILE",
     ),
     form: str = option(
         "suite",
-        "`suite`; `cases`: a record a test case (.json, .csv); `sarif`: failures for code hosts; "
-        "`odd`: the ranges and what was tried in them (.csv, .json, .yaml of OpenODD).",
+        "`suite`; `cases`: one record per test case (.json, .csv); `sarif`: failures for code "
+        "hosts; `odd`: the ranges and what was tried in them (.csv, .json, .yaml of OpenODD).",
         "--format",
         metavar="NAME",
     ),
     confirm: int = option(
-        3, "Fresh seeds on most of which a world must fail, or pass, again.", minimum=0
+        3, "The number of fresh seeds; a world must fail (or pass) on most of them.", minimum=0
     ),
     workers: int = workers_option(1),
     application: str | None = application_option(),
     as_json: bool = json_option("the suite"),
 ) -> None:
-    """Write failures, grouped and confirmed, and worlds like them that passed, as a suite.
+    """Write confirmed failures by weakness, and similar worlds that passed, as a suite.
 
-    `sada-gym regress` tests another agent with it. The same command goes on after a stop.
+    `sada-gym regress` tests another agent with it. After a stop, the same command continues.
     """
     if form == "odd":
         _export_domain(runs, out_file, as_json)
@@ -70,16 +70,16 @@ def export(
         return
     failures = sum(case.objective == "failure" for case in suite.test_cases)
     say(
-        f"{failures} known failures, and {len(suite.test_cases) - failures} worlds like them that "
+        f"{failures} known failures and {len(suite.test_cases) - failures} similar worlds that "
         f"pass: {exported.path}",
         lead="[bold]",
     )
     for number, group in enumerate(suite.groups, 1):
         inside = [case for case in suite.test_cases if case.group == number]
         count = sum(case.objective == "failure" for case in inside)
-        say(f"  {number}. {group} ({count} failures, {len(inside) - count} passes)")
+        say(f"  {number}. {group} (failures: {count}, passes: {len(inside) - count})")
     if suite.unconfirmed:
-        say(f"{suite.unconfirmed} failures did not fail again on fresh seeds, and are left out.")
+        say(f"{suite.unconfirmed} failures passed on fresh seeds and are left out.")
 
 
 def _export_domain(runs: list[Path], out: Path, as_json: bool) -> None:
@@ -100,6 +100,6 @@ def _export_domain(runs: list[Path], out: Path, as_json: bool) -> None:
         print_json(domain)
         return
     say(
-        f"{domain.worlds:,} worlds; {domain.pairs_tried:,} of {domain.pairs:,} cells of pairs of "
-        f"parameters hold one: {out}"
+        f"{domain.worlds:,} worlds; they hit {domain.pairs_tried:,} of {domain.pairs:,} cells of "
+        f"parameter pairs: {out}"
     )

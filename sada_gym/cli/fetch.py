@@ -1,4 +1,4 @@
-"""`sada-gym fetch`: get an agent that nobody here made."""
+"""`sada-gym fetch`: get an agent that others made."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def fetch(
             say(f"{name} is in {path}. Attack it with --agent {name}.")
             return
         if file is not None:
-            raise UserError("Expected a NAME with --file, got none. Write what the file is for.")
+            raise UserError("Expected a NAME with --file, got none. Name what the file is for.")
         rows = [
             {
                 "name": agent.name,

@@ -39,12 +39,12 @@ def init(
         None, "A folder of images instead of an environment.", metavar="FOLDER"
     ),
     labels: Path | None = option(
-        None, "What is in the images: COCO's JSON, or a folder of YOLO's files.", metavar="PATH"
+        None, "The labels of the images: COCO's JSON, or a folder of YOLO files.", metavar="PATH"
     ),
     task: str | None = option(None, "What the model does: classify or detect.", metavar="TASK"),
     env_kwargs: list[str] | None = env_kwargs_option(),
     max_steps: int | None = option(
-        None, "The limit of steps of an episode.", minimum=1, shown="the environment's own"
+        None, "The most steps of an episode.", minimum=1, shown="the environment's own"
     ),
     steps: int = option(20_000, "Training steps of a stand-in.", minimum=1),
     file: Path | None = option(
@@ -52,11 +52,11 @@ def init(
     ),
     as_json: bool = json_option(),
 ) -> None:
-    """Write a TOML file for an attack on an agent in any Gymnasium environment, or on images.
+    """Write a TOML file for attacking an agent in any Gymnasium environment, or on images.
 
-    It looks at the environment, tries out what can be changed in it, and guesses ranges, a score
-    and a threshold from twenty episodes. Then `sada-gym attack FILE` works with nothing edited.
-    With --images it writes a file for a classifier or a detector on images of yours.
+    It inspects the environment, tries out what can be changed in it, and guesses ranges, a score
+    and a threshold from twenty episodes. Then `sada-gym attack FILE` works without edits. With
+    --images it writes a file for a classifier or a detector on your images.
     """
     with errors_as_sentences():
         check_no_stray_words(context.args, "--env-kwargs a=1 --env-kwargs b=2")
@@ -99,7 +99,7 @@ def init(
     out.print(starter.text, markup=False, highlight=False, soft_wrap=True)
     for note in starter.notes:
         say(note)
-    say(f"Written to {file}. All of it is a guess: look it over.")
+    say(f"Written to {file}. All of it is a guess: check it.")
     if starter.ready:
         say(f"Then: {shlex.join(['sada-gym', 'attack', str(file)])}")
 
@@ -112,7 +112,7 @@ def _stand_in(
 
     zipped = file.with_suffix(".zip")
     if zipped.exists():
-        say(f"{zipped} is there already and is taken as the agent.", console=err)
+        say(f"{zipped} exists already and is used as the agent.", console=err)
     else:
         say(f"No --agent: a stand-in learns for {steps:,} steps.", console=err)
         train_stand_in(env_id, zipped, steps, env_kwargs=keywords, max_steps=max_steps)

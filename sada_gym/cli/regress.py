@@ -25,7 +25,8 @@ def regress(
     ),
     margin: float | None = option(
         None,
-        "Pass if at 95 % confidence the rate of failing worlds grows by less, such as 0.05.",
+        "Pass if, at 95 % confidence, the rate of failing worlds grows by less than this, such as "
+        "0.05.",
         shown="an exact test alone",
     ),
     max_failing: int | None = option(
@@ -38,18 +39,20 @@ def regress(
     ),
     max_probability: float | None = option(
         None,
-        "Pass only if a failure in ordinary use is less likely, such as 1e-3; fail if it is more "
-        "likely (95 %).",
+        "Pass only if a failure in ordinary use is less likely than this, such as 1e-3; fail if "
+        "it is more likely (95 %).",
         shown="not estimated",
     ),
     budget: int = option(2_000, "Evaluations for --max-probability.", minimum=20),
     workers: int = workers_option(1),
     junit: Path | None = option(None, "Write JUnit XML.", metavar="FILE"),
     markdown: Path | None = option(None, "Write Markdown for a pull request.", metavar="FILE"),
-    store: Path | None = option(None, "Keep the scores, to go on after a stop.", metavar="FILE"),
+    store: Path | None = option(
+        None, "Save the scores, so that the command can continue after a stop.", metavar="FILE"
+    ),
     as_json: bool = json_option(),
 ) -> None:
-    """Test an agent in the worlds of a suite: what is fixed, what regressed, what is new?
+    """Test an agent in the worlds of a suite: what is fixed, what regressed, what fails newly?
 
     Exit codes: 0 passed, 1 failed, 2 invalid input, 3 inconclusive.
     """

@@ -21,22 +21,22 @@ from sada_gym.cli.console import (
 def replay(
     run: Path = run_argument(),
     out_file: Path = option(
-        ..., "The video; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"
+        ..., "The video; the ending chooses the format.", "--out", metavar="FILE.gif|FILE.mp4"
     ),
     worst: int | None = option(
-        None, "Show so many of the samples with the lowest scores.", shown="1"
+        None, "Show this many of the samples with the lowest scores.", shown="1"
     ),
     sample: int | None = option(
         None, "Show this one sample: its row in samples.npz, from 0.", metavar="I"
     ),
-    seconds: float = option(10.0, "The length of a sample, about."),
+    seconds: float = option(10.0, "About how many seconds each sample takes."),
     application: str | None = application_option("RUN"),
     as_json: bool = json_option(),
 ) -> None:
-    """Replay samples of a run as a video, so that a person sees how the agent fails.
+    """Replay samples of a run as a video that shows how the agent fails.
 
-    The video shows how the episodes that failed end, and says why. Each score must be the one that
-    the run stored. A GIF has at most 2 MB for ten seconds.
+    The video shows how failed episodes end, and says why. Each score must equal the one that the
+    run stored. A GIF has at most 2 MB for ten seconds.
     """
     with errors_as_sentences():
         from sada_gym.analyses.replay import video as videos
@@ -82,7 +82,7 @@ def replay(
         say(f"Sample {played.sample}: Q = {played.score:.3g}; {'; '.join(played.endings)}")
         if played.score != played.stored:
             say(
-                f"  The run stored {played.stored!r}: another processor rounds otherwise, or the "
+                f"  The run stored {played.stored!r}: this processor rounds differently, or the "
                 "simulator gives another score each time."
             )
     say(f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")

@@ -21,7 +21,7 @@ from sada_gym.cli.console import (
 def report(
     run: Path = run_argument(),
     other: Path | None = typer.Argument(
-        None, metavar="[OTHER]", help="A second run, to show both side by side."
+        None, metavar="[OTHER]", help="A second run, to compare both side by side."
     ),
     out_file: Path | None = option(
         None,
@@ -31,14 +31,14 @@ def report(
         shown="RUN/report.html; of two, RUN/report-OTHER.html",
     ),
     pictures: int | None = option(
-        None, "Draw so many worlds.", minimum=0, shown="as many as an attack"
+        None, "How many worlds to draw.", minimum=0, shown="as many as an attack"
     ),
     application: str | None = application_option(),
     as_json: bool = json_option(),
 ) -> None:
-    """Make report.html of a run again, or a page of two runs side by side.
+    """Write report.html of a run again, or a page that compares two runs.
 
-    The page is one file that asks for nothing on the network. worlds.csv is written anew, too.
+    The page is one file that loads nothing from the network. worlds.csv is written again, too.
     """
     with errors_as_sentences():
         from sada_gym.analyses.report.make import report as make
@@ -69,5 +69,5 @@ def make_anew(run: Path, application: str | None) -> None:
     from sada_gym.run.folder import REPORT_FILE
 
     if (run / REPORT_FILE).is_file():
-        with err.status("Making report.html anew"):
+        with err.status("Writing report.html again"):
             make(run, application=application)

@@ -42,11 +42,11 @@ def transfer(
         shown="each run's own track",
     ),
     agent: str | None = option(
-        None, "The agent there.", metavar="NAME|FILE", shown="the run's, else the track's"
+        None, "The agent to score.", metavar="NAME|FILE", shown="the run's, else the track's"
     ),
     env_kwargs: list[str] | None = env_kwargs_option(),
     samples: int | None = option(
-        None, "Take the first so many of each run.", minimum=1, shown="all"
+        None, "Use only this many samples of each run.", minimum=1, shown="all"
     ),
     seed: int | None = option(
         None, "Draw other evaluation seeds.", minimum=0, shown="those of the samples"
@@ -59,8 +59,8 @@ def transfer(
 ) -> None:
     """Score the samples of runs in other tracks, against other agents, with other keywords.
 
-    A sample keeps its physical values. Its scores are kept in the run's folder, so that the same
-    command goes on after a stop.
+    A sample keeps its physical values. Its scores are saved in the run's folder: after a stop, the
+    same command continues.
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")

@@ -181,8 +181,8 @@ def _made(
     if isinstance(named, Application):
         if keywords:
             raise UserError(
-                f"Expected no keywords beside a made application, got {', '.join(keywords)}. Pass "
-                "them to the application, or pass its class."
+                f"Expected no keywords with a finished application, got {', '.join(keywords)}. "
+                "Pass them to the application, or pass its class."
             )
         check_declared(named)
         return named

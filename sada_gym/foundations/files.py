@@ -210,7 +210,7 @@ def read_model(path: Path, kind: type[Model]) -> Model:
         reason, cause = first_error(error), error
     raise FileError(
         f"Expected {path} as sada-gym writes it, got a different one ({reason}). "
-        "Restore it, or start anew in another folder."
+        "Restore it, or start again in another folder."
     ) from cause
 
 
@@ -304,7 +304,7 @@ def _listed(kinds: Mapping[str, tuple[str, int]]) -> str:
 @contextmanager
 def _npz(path: Path, wanted: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
     content = read_file(path, MAX_ARRAYS_BYTES)
-    fix = "Restore the file, or make it anew."
+    fix = "Restore the file, or make it again."
     with (
         _content_errors(f"an NPZ file with {wanted} in {path}", "it is damaged", fix),
         zipfile.ZipFile(io.BytesIO(content)) as archive,

@@ -128,6 +128,6 @@ def read_failures(run: str | Path) -> Failures | None:
 
 def listed_before(folder: Path) -> Failures | None:
     """Return the failures that a run's folder lists; None where its file is missing or damaged."""
-    with suppress(FileError):  # a damaged file is made anew
+    with suppress(FileError):  # a damaged file is made again
         return read_failures(folder)
     return None

@@ -212,7 +212,7 @@ def load_reference(
         if expected != got:
             raise UserError(
                 f"Expected the reference set {path} with the {what} {expected}, got {got}. "
-                "Restore the file, or make the set anew with studies/reference_sets.py."
+                "Restore the file, or make the set again with studies/reference_sets.py."
             )
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return Reference(entry, mu, arrays["fooled"], arrays["mean_score"])

@@ -25,7 +25,7 @@ _TRIMMED = {"mean": 0.0, "iqm": 0.25}  # cut off at either end
 class Estimate:
     """A statistic of many runs and its bootstrap interval, None where nothing could be resampled.
 
-    With one seed a track the test samples are drawn anew at best. The interval then does not show
+    With one seed a track the test samples are drawn again at best. The interval then does not show
     how another training run would have turned out.
     """
 

@@ -104,7 +104,7 @@ def read_samples(path: Path) -> Evaluations:
     if len(set(counts.values())) > 1:
         raise FileError(
             f"Expected as many mu as scores and seeds in {path}, got {counts}. "
-            "Restore the file, or make it anew."
+            "Restore the file, or make it again."
         )
     return Evaluations(**arrays)
 

@@ -315,7 +315,7 @@ def load_run(folder: str | Path) -> Run:
 def read_finished(folder: Path, settings: RunSettings, dimension: int) -> Run | None:
     """Read a run of these settings to which nothing is missing; None where anything is.
 
-    To go on with such a run makes the missing or damaged file anew.
+    To go on with such a run makes the missing or damaged file again.
 
     Raises:
         StoreError: If another process has the run's store open.

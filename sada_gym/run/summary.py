@@ -127,7 +127,7 @@ def _rates(report: RunReport, failures: Failures | None) -> Iterator[str]:
         often = percent(nominal.fooled / nominal.evaluations)
         yield f"{often} as it is (nominal, {nominal.evaluations} episode{plural})"
     if uniform is None:
-        yield "not known of all worlds in the ranges: --adversary random tells"
+        yield "unknown for all worlds in the ranges: measure it by --adversary random"
     else:
         text = rate_text(uniform, f"{uniform.samples:,} worlds")
         yield text.replace(" (", " of all worlds in the ranges (")
@@ -145,13 +145,13 @@ def _in_use(found: FailureProbability) -> str:
     if found.held < _ALL_HELD:
         text += f"; the ranges hold {tenths(found.held)} of such worlds"
     if found.worth < _FEW_DRAWS:
-        text += ". That is little: ask more, or shrink the ranges to what occurs"
+        text += ". That is little: use a larger budget, or narrow the ranges to what occurs"
     return text
 
 
 def _feasible(found: FeasibleRate, fooled: int) -> str:
     if found.afr is None:
-        return "not known: the privileged agent fails in all of the samples' worlds"
+        return "unknown: the privileged agent fails in the worlds of all samples"
     text = f"{tenths(found.afr)}, {found.fooled} of {found.worlds} samples"
     if not fooled:
         return text
@@ -203,7 +203,7 @@ def _nearest(nominal: NominalWorld, values: _Values) -> str:
     if alone:
         return f"{', or '.join(alone)}, and nothing else"
     if nominal.nearest is None:
-        return "none is known"
+        return "none known"
     return f"{values.world(nominal.nearest.parameters)}; no parameter alone does it"
 
 

@@ -347,7 +347,9 @@ def test_another_agent_at_the_same_address_is_noticed():
         threading.Thread(target=welcome, args=(listening, *names), daemon=True).start()
         application = cart_pole(agent=f"tcp://127.0.0.1:{listening.getsockname()[1]}")
         application.close()
-        with pytest.raises(AgentLost, match="another agent than at first, which was first"):
+        with pytest.raises(
+            AgentLost, match="not the agent of the first connection, which was first"
+        ):
             application.evaluate([[0.0, 0.0]], [0])
 
 
@@ -369,7 +371,7 @@ def test_what_names_no_agent_gets_a_sentence(agent, message):
 
 
 def test_nobody_at_an_address_gets_a_sentence():
-    with pytest.raises(UserError, match=r"nobody is there .*Start the agent's server"):
+    with pytest.raises(UserError, match=r"nothing answers there .*Start the agent's server"):
         cart_pole(agent=f"tcp://127.0.0.1:{free_port()}")
     with pytest.raises(UserError, match=r"agent_timeout .* above 0 and of at most 1e6, got 0"):
         cart_pole(agent_timeout=0)
@@ -501,7 +503,9 @@ def test_workers_say_that_an_agent_is_gone(tmp_path):
         oracle = Oracle(str(file), budget=4, seed=0, workers=2)
     with (
         closing(oracle),
-        pytest.raises(UserError, match=rf"an agent in tcp://127.0.0.1:{port}, but nobody is there"),
+        pytest.raises(
+            UserError, match=rf"an agent in tcp://127.0.0.1:{port}, but nothing answers there"
+        ),
     ):
         oracle(np.zeros((4, 1), np.float32))
 

@@ -391,7 +391,7 @@ def test_a_server_has_a_name_that_can_be_shown(name):
 def test_hosts_that_are_none_get_a_sentence(host):
     with pytest.raises(UserError, match="Expected to listen on"):
         sada_gym.serve(right, host=host, port=0)
-    with pytest.raises(UserError, match="nobody is there"):
+    with pytest.raises(UserError, match="nothing answers there"):
         RemoteAgent(Address(host, 7788), POLE, timeout_s=1.0)
 
 

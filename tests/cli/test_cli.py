@@ -148,7 +148,7 @@ def test_a_second_run_needs_resume(tmp_path):
     assert "which holds a run. Resume that run with --resume" in refused.stderr
     resumed = attack(tmp_path / "out", "--resume")
     assert resumed.exit_code == 0
-    assert "out holds a finished run. It is read, not done again." in resumed.stderr
+    assert "out holds a finished run. It is shown, not repeated." in resumed.stderr
     assert "holds a finished run" not in refused.stderr
     assert "10 new ones)" in resumed.stdout
     other = attack(tmp_path / "out", "--resume", "--seed", "1")
@@ -258,7 +258,7 @@ def test_the_summary_names_the_interval_and_the_uniform_rate(tmp_path):
     assert re.search(even.format(10), result.stdout)
     assert "that random makes" not in result.stdout
     result = attack(tmp_path / "greedy")
-    assert "not known of all worlds in the ranges: --adversary random tells" in result.stdout
+    assert "unknown for all worlds in the ranges: measure it by --adversary random" in result.stdout
     result = attack(tmp_path / "level-set", "-a", "level-set")
     rate = re.search(even.format(24), result.stdout)
     report = json.loads((tmp_path / "level-set" / "result.json").read_text())
@@ -548,7 +548,7 @@ def test_a_stop_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers, 
     with EvaluationStore(out / "run.sqlite") as store:
         kept = len(store)
     assert kept >= 64
-    assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in printed
+    assert f"Stopped. {kept} evaluations are saved in {out}/run.sqlite" in printed
     resume = printed.strip().splitlines()[-1].strip()
     assert shlex.split(resume) == ["sada-gym", *command, "--resume"]
     log.unlink()
@@ -578,10 +578,10 @@ def test_a_stop_that_leaves_the_store_open_says_how_to_resume(tmp_path, monkeypa
     assert result.exit_code == 143
     if still_open:
         left[0].close()
-        assert f"The evaluations are kept in {tmp_path / 'an out'}/run.sqlite" in result.output
+        assert f"The evaluations are saved in {tmp_path / 'an out'}/run.sqlite" in result.output
         assert "--resume" in result.output
     else:
-        assert "Nothing is kept" in result.output
+        assert "Nothing was saved" in result.output
 
 
 def test_a_stopped_check_prints_what_it_found(monkeypatch):

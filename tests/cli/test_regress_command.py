@@ -67,7 +67,7 @@ def folder(tmp_path_factory) -> Path:
     assert run("attack", folder / "pole.toml", *words.split(), folder / "run").exit_code == 0
     exported = run("export", folder / "run", "--out", folder / "suite", "--confirm", "2")
     assert exported.exit_code == 0, exported.output
-    assert "worlds like them that pass" in exported.stdout
+    assert "similar worlds that pass" in exported.stdout
     return folder
 
 

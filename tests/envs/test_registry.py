@@ -470,7 +470,7 @@ def test_an_application_is_registered_by_its_name() -> None:
     ("application", "keywords", "message"),
     [
         ("sada_gym.envs.analytic:AnalyticApplication", {"regoins": 3}, "Did you mean regions"),
-        (AnalyticApplication(), {"regions": 3}, "Expected no keywords beside a made application"),
+        (AnalyticApplication(), {"regions": 3}, "Expected no keywords with a finished application"),
         (dict, {}, "Expected an Application, a subclass of it, or the 'module:Class' of one"),
         ("sada_gym.envs:AdversaryEnv", {}, "Expected an Application, a subclass of it"),
         (AnalyticApplication, {"horizon": 0}, "Expected horizon to be an int of at least 1"),

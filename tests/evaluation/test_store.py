@@ -340,7 +340,7 @@ def test_a_score_that_no_run_wrote_is_refused(path, score):
     filled(path)
     rewrite(path, f"UPDATE evaluation SET score = {score} WHERE seed = {SEEDS[3]}")
     content = path.read_bytes()
-    with pytest.raises(StoreError, match=r"corrupt one .*score that is no number from 0 to 1"):
+    with pytest.raises(StoreError, match=r"corrupt one .*score that is not a number from 0 to 1"):
         EvaluationStore(path)
     assert path.read_bytes() == content
 

@@ -228,7 +228,7 @@ def test_a_result_prints_as_its_summary(tmp_path):
     assert repr(result) == text
     lines = text.splitlines()
     assert lines[0] == "the agent in Toy-v0, attacked by greedy"
-    assert "not known of all worlds in the ranges" in lines[1]
+    assert "unknown for all worlds in the ranges" in lines[1]
     low, high = (100 * end for end in result.result.afr_interval_95)
     rate = f"{100 * result.result.afr:.0f} % of worlds that greedy makes ({low:.0f} to {high:.0f}"
     assert rate in lines[2]

@@ -186,7 +186,7 @@ def test_samples_of_other_evaluation_seeds_are_not_written(files):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"restarts": 3', '"restarts": 4', "Make the entry anew instead of editing it"),
+        ('"restarts": 3', '"restarts": 4', "Make the entry again instead of editing it"),
         ('"format": 2', '"format": 3', "Expected format 2 in .*, got 3"),
         ('"seed": 7', '"seed": 1', "Expected ascending seeds of .*, each once, got .0, 1, 1."),
         ('"format": 2', '"formats": 2', "Expected .* as sada-gym writes it"),

@@ -343,7 +343,7 @@ def spoilt_runs(folder, runs):
             made_run(folder / "far", seed=2**63)
         ],
         "samples was 10 and is 250": [made_run(folder / "few", samples=10)],
-        "Environments of one's own cannot take part": [
+        "Your own environments cannot take part": [
             made_run(folder / "own", environment=Toy(), adversary=Greedy)
         ],
         "of one adversary with one set of options, got the adversary 'memorise'": [

@@ -1,4 +1,4 @@
-"""An agent in a process of its own, asked over a socket."""
+"""An agent in a separate process, asked over a socket."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from sada_gym.foundations.serve_environment import MAX_ARRAY_BYTES, PROTOCOL
 
 
 class RemotePeer(Peer):
-    """An agent of any kind in a process of its own, which says at first who it is."""
+    """An agent of any kind in a separate process, which says at first who it is."""
 
     role, lost, answers = "agent", AgentLost, ANSWERS
     start_it = "Start the agent's server, sada_gym.serve(agent) or a program of your own"
@@ -45,7 +45,7 @@ class RemotePeer(Peer):
     def _again(self) -> None:
         """Connect again where there is no connection; another agent there is lost."""
         if self._link is None and self._connect() != self._welcome:
-            self._lose(f"another agent than at first, which was {self.name}")
+            self._lose(f"not the agent of the first connection, which was {self.name}")
 
     @abstractmethod
     def _connect(self) -> Welcome:

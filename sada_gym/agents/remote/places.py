@@ -66,7 +66,7 @@ class Address:
         try:
             link = socket.create_connection((self.host.strip("[]"), self.port), timeout_s)
         except (OSError, ValueError) as error:  # a host's name may be none that can be written
-            raise Unreachable(f"nobody is there ({error}). {start}") from error
+            raise Unreachable(f"nothing answers there ({error}). {start}") from error
         return Link(Channel(link, timeout_s))
 
 

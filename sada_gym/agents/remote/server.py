@@ -127,7 +127,7 @@ class _Served:
         except ValidationError as error:
             raise UserError(
                 f"Expected name= of at most 200 printable characters, got {first_error(error)}. "
-                "Name the agent otherwise."
+                "Choose another name."
             ) from error
         self._given = given
         self._loaded: tuple[Any, Any] = (None, None)

@@ -71,9 +71,9 @@ def estimate(
     expected. The estimate is unbiased wherever the agent fails. Its interval relies on one thing:
     that no region of failures escaped all queries, see `FailureEstimate.unseen`.
 
-    A run's folder gets `estimate.json`, and keeps the scores, so that a call that was stopped goes
-    on where it was; of an application or an id `store` does. The result depends on the seed, and on
-    nothing else.
+    A run's folder gets `estimate.json`, and keeps the scores, so that a stopped call continues
+    where it was; for an application or an id, `store` keeps them. The result depends on the seed
+    alone.
 
     Args:
         run_or_application: A run or its folder, an application, an id, or a TOML file.

@@ -108,7 +108,7 @@ def decide(
 
     McNemar's test in its exact form (1947): if nothing is worse, a world with a changed verdict is
     as likely fixed as broken. Without a margin, an agent fails where significantly more worlds
-    broke than were fixed, and passes where the opposite holds or none broke at all. With a margin
+    regressed than were fixed, and passes where the opposite holds or none regressed. With a margin
     it passes where the increase of failing worlds is below the margin at 95 % confidence
     (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
 
@@ -147,13 +147,13 @@ def decide(
         reason = f"The increase of failing worlds is at most {at_most:.1%}, within {margin:.1%}"
     elif worse <= alarm:
         status = "failed"
-        reason = f"{broken} of {n} worlds broke and {fixed} were fixed (p = {worse:.2g})"
+        reason = f"{broken} of {n} worlds regressed and {fixed} were fixed (p = {worse:.2g})"
     elif margin is not None:
         status, more = "inconclusive", _more_for_margin(broken, fixed, n, margin)
         repeats = None if more is None else -(-(n + more) // n)
-        needed = "no number of such worlds would do"
+        needed = "no number of such worlds would suffice"
         if more:
-            needed = f"it takes about {more:,} more, {repeats} suites like this one in all"
+            needed = f"about {more:,} more are needed, {repeats} suites like this one in total"
         reason = (
             f"{n} worlds only show that the increase of failing worlds is at most {at_most:.1%}, "
             f"not {margin:.1%}: {needed}"
@@ -164,7 +164,7 @@ def decide(
         reason = f"No regression: {fixed} fixed, {known} known failures remain, none new"
     elif better <= ALPHA:
         status = "passed"
-        reason = f"{fixed} of {n} worlds were fixed and {broken} broke (p = {better:.2g})"
+        reason = f"{fixed} of {n} worlds were fixed and {broken} regressed (p = {better:.2g})"
     else:
         most, least, risk = (broken, against, alarm) if worse < better else (fixed, for_, ALPHA)
         status, more = "inconclusive", _more_discordant(most, least, risk)
@@ -172,9 +172,9 @@ def decide(
         lucky = f", as {unlucky[0]} controls that were tried failed" if unlucky[0] else ""
         in_all = f", or about {repeats} suites like this one" if repeats else ""
         reason = (
-            f"{broken} of {n} worlds broke and {fixed} were fixed, which may be chance{lucky} (p = "
-            f"{min(worse, better):.2g}): it takes at least {more} more worlds that change alike"
-            f"{in_all}"
+            f"{broken} of {n} worlds regressed and {fixed} were fixed, which may be chance{lucky} "
+            f"(p = {min(worse, better):.2g}): a decision takes at least {more} more worlds that "
+            f"change in the same way{in_all}"
         )
     return Decision(
         status=status,
@@ -203,7 +203,7 @@ def decide_ordinary(changes: Sequence[Change], *, margin: float | None, **known:
 def combine(decision: Decision, ordinary: Decision | None) -> Decision:
     """Join what a suite's chosen worlds and its ordinary ones say: the worse of the two decides."""
     if ordinary is None:
-        reason = f"{decision.reason} The suite holds no ordinary worlds: export it anew."
+        reason = f"{decision.reason} The suite holds no ordinary worlds: export it again."
         return decision.model_copy(update={"reason": reason})
     worse = max(decision, ordinary, key=lambda one: _ORDER.index(one.status))
     reasons = [decision.reason, f"In ordinary worlds: {ordinary.reason}"]
@@ -226,11 +226,11 @@ def gate(decision: Decision, found: FailureEstimate, most: float) -> Decision:
     status: Status = "passed" if high <= most else "failed" if low > most else "inconclusive"
     if found.refused is not None:
         status = "inconclusive"
-    reason = f"{found.sentence}, and {odds(most)} may"
+    reason = f"{found.sentence}; at most {odds(most)} may"
     if status == "inconclusive":
         more = found.to_halve
         refused = "" if found.refused is None else f"; {found.refused}"
-        reason = f"{reason}{refused}: to halve the interval it takes about {more:,} more queries"
+        reason = f"{reason}{refused}: about {more:,} more queries would halve the interval"
     arm = decision.model_copy(update={"status": status, "more": more, "repeats": None})
     worse = max(decision, arm, key=lambda one: _ORDER.index(one.status))
     return worse.model_copy(update={"reason": f"{decision.reason} In ordinary use it {reason}."})
@@ -260,7 +260,7 @@ def demand(
     known = changes.count("still fails")
     failing, before = known + decision.broken, known + decision.fixed
     if max_failing is not None and failing > max_failing:
-        reason = f"{failing} worlds fail, and {max_failing} may."
+        reason = f"{failing} worlds fail; at most {max_failing} may."
     elif decision.fixed < (require_fixed or 0.0) * before:
         required = f"{require_fixed:.0%} must be".replace("%", " %")
         reason = f"{decision.fixed} of {before} known failures are fixed, and {required}."

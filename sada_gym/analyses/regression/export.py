@@ -92,7 +92,7 @@ def export(
     are confirmed: they stay where they fail on most of `confirm` fresh seeds. Each gets the nearest
     world that passes on most of its fresh seeds as a control. Beside them stand `ORDINARY_WORLDS`
     of ordinary use, whatever the agent does there. The fresh scores are kept in the first run's
-    folder, so that a call that was stopped goes on where it was.
+    folder, so that a stopped call continues where it was.
 
     Args:
         runs: Runs of one track and agent, or their folders.

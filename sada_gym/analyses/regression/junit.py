@@ -7,7 +7,9 @@ from collections import Counter
 
 from sada_gym.analyses.regression.compare import BROKEN, Change
 from sada_gym.analyses.regression.regress import CaseResult, Regression
+from sada_gym.analyses.regression.suite import ORDINARY
 from sada_gym.foundations.files import shown
+from sada_gym.measures.diagnosis.grouping import NO_WEAKNESS
 
 _SHOWN = 20
 _COLUMNS: tuple[Change, ...] = ("fixed", "still fails", "regressed", "new failure", "still passes")
@@ -51,7 +53,7 @@ def _test_case(suite: ET.Element, result: Regression, world: CaseResult) -> None
         suite,
         "testcase",
         {
-            "classname": f"{result.track}.group {case.group}",
+            "classname": f"{result.track}.{_place(case.group, group)}",
             "name": f"{case.id}: {group}",
             "time": "0",
         },
@@ -69,6 +71,10 @@ def _test_case(suite: ET.Element, result: Regression, world: CaseResult) -> None
         ET.SubElement(element, "skipped", {"message": message})
 
 
+def _place(number: int, where: str) -> str:
+    return where if where in (NO_WEAKNESS, ORDINARY) else f"weakness {number}"
+
+
 def _properties(parent: ET.Element, values: dict[str, str]) -> None:
     properties = ET.SubElement(parent, "properties")
     for name, value in values.items():
@@ -82,14 +88,14 @@ def _outcome(world: CaseResult) -> str:
 
 
 def markdown(result: Regression) -> str:
-    """Write a result as Markdown: the decision, a table by distinct failure, what broke."""
+    """Write a result as Markdown: the decision, a table by weakness, what regressed."""
     decision = result.decision
     lines = [
         f"### {_plain(result.track)}: {_plain(result.agent)} {_VERBS[decision.status]}",
         "",
         f"{_plain(decision.reason)} Compared with {_plain(result.compared_with)}.",
         "",
-        f"| distinct failure | worlds | {' | '.join(_COLUMNS)} |",
+        f"| where | worlds | {' | '.join(_COLUMNS)} |",
         f"| --- | --- {'| --- ' * len(_COLUMNS)}|",
     ]
     for number, group in enumerate(result.groups, 1):
@@ -104,7 +110,7 @@ def markdown(result: Regression) -> str:
     if broken:
         lines += [
             "",
-            "| broken world | | parameters | seeds | Q |",
+            "| world | | parameters | seeds | Q |",
             "| --- | --- | --- | --- | --- |",
         ]
     for world in broken[:_SHOWN]:
@@ -114,7 +120,7 @@ def markdown(result: Regression) -> str:
         scores = ", ".join(f"{score:.3g}" for score in world.scores)
         lines.append(f"| {_plain(case.id)} | {world.change} | {place} | {seeds} | {scores} |")
     if len(broken) > _SHOWN:
-        lines += ["", f"{len(broken) - _SHOWN} more worlds broke."]
+        lines += ["", f"{len(broken) - _SHOWN} more worlds regressed."]
     incomparable = sum(world.change == "not comparable" for world in result.worlds)
     if incomparable:
         lines += ["", f"{incomparable} worlds are invalid, now or before, and do not count."]

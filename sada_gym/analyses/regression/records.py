@@ -89,7 +89,7 @@ def as_csv(suite: Suite) -> bytes:
 
 
 def as_sarif(suite: Suite) -> bytes:
-    """Write the failures as SARIF 2.1.0: a rule for each group, a result for each failure."""
+    """Write the failures as SARIF 2.1.0: a rule for each weakness, a result for each failure."""
     item = suite.test_item
     place = item.agent_file.path if item.agent_file else item.target.agent or item.target.track
     results = []

@@ -145,7 +145,7 @@ def regress(
             must know its density.
         budget: The number of evaluations for that, see `estimate`.
         workers: See `Workers`.
-        store: Keeps the scores, so that a call that was stopped goes on where it was.
+        store: Keeps the scores, so that a stopped call continues where it was.
         on_scores: See `OnScores`.
 
     Raises:

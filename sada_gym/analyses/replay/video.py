@@ -213,7 +213,7 @@ def _reason(settings: RunSettings) -> str:
     if changed:
         return f"Other versions are installed: {'; '.join(changed)}. Install those of the run."
     return (
-        "The versions are those of the run, so another processor rounds otherwise, or the agent or "
+        "The versions are those of the run, so this processor rounds differently, or the agent or "
         "the environment is random. Replay on the machine of the run, or use `sada-gym check`."
     )
 

@@ -70,7 +70,7 @@ def report(
 ) -> Path:
     """Write the report of a run, or of two runs side by side, and return its path.
 
-    worlds.csv is written anew, too. Two runs may be of one agent under two adversaries, or of two
+    worlds.csv is written again, too. Two runs may be of one agent under two adversaries, or of two
     agents in the same kind of worlds. The same runs give the same bytes.
 
     Args:

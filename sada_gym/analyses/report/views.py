@@ -388,7 +388,7 @@ def _heading(text: str) -> str:
 
 def _sentences(weakness: Weakness) -> Iterator[str]:
     yield from figures(weakness)
-    groups = f", in {weakness.distinct} groups that lie apart" if weakness.distinct > 1 else ""
+    groups = f", in {weakness.distinct} separate regions" if weakness.distinct > 1 else ""
     yield f"{percent(weakness.volume)} of all worlds; {weakness.failures:,} failures{groups}"
 
 

@@ -175,7 +175,7 @@ class _OfSuite:
         if not any(failing):
             raise UserError(
                 f"Expected a suite with failures, got none among {len(failing)} worlds in {path}. "
-                "Export it anew, or leave it out."
+                "Export it again, or leave it out."
             )
         return _mapped(suite.mu[failing], suite.parameters, space, str(path))
 

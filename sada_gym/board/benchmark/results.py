@@ -133,7 +133,7 @@ def results_of(
                     f"results of one version of {target.track} and of its agent",
                     targets.setdefault((target.track, target.agent), target).model_dump(),
                     target.model_dump(),
-                    "Leave those out that are outdated, or make them anew.",
+                    "Leave those out that are outdated, or make them again.",
                 )
                 for table in showing:
                     runs_of.setdefault((table, target.agent), []).extend(runs)

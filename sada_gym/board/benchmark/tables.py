@@ -218,7 +218,7 @@ def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iter
     """Lay the AFR out like the paper's Table 1: ours / the paper's."""
     if columns:
         lines = _beside_the_paper(by_track, columns).values()
-        title = "### Beside the paper's Table 1: AFR in %, ours / the paper's"
+        title = "### Compared with the paper's Table 1: AFR in %, ours / the paper's"
         yield from _section(title, ("adversary", *(column.title for column in columns)), lines)
         yield from (_BESIDE_THE_PAPER, "")
 

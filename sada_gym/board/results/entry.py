@@ -150,12 +150,12 @@ class GroupFiles:
             if result.sha256 != expected:
                 raise FileError(
                     f"Expected sha256 of {place} in {path} to be the hash of its experiment, "
-                    f"{expected}, got {result.sha256}. Make the entry anew instead of editing it."
+                    f"{expected}, got {result.sha256}. Make the entry again instead of editing it."
                 )
             if group != self.group:
                 raise FileError(
                     f"Expected the results on {group} in a file called {group}{CLAIMS}, got {path}."
-                    " Rename it, or make the entry anew."
+                    " Rename it, or make the entry again."
                 )
             check_ascending(path, f"seeds of {place}", [claims.seed for claims in result.seeds])
         return results
@@ -265,7 +265,7 @@ def _check_format(path: Path, number: object) -> None:
         is_short = isinstance(number, int) and abs(number) < 2**63
         raise FileError(
             f"Expected format {FORMAT} in {path}, got {number if is_short else 'another'}. Make "
-            "the entry anew with this version of sada_gym."
+            "the entry again with this version of sada_gym."
         )
 
 
@@ -288,7 +288,7 @@ def read_metadata(folder: Path) -> EntryMetadata:
     except ValidationError as error:
         raise FileError(
             f"Expected {path} to describe an entry, got something else ({first_error(error)}). "
-            "Fix that place, or make the entry anew."
+            "Fix that place, or make the entry again."
         ) from error
     if metadata.name != folder.resolve().name:
         raise UserError(

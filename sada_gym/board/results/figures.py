@@ -136,7 +136,7 @@ def f1_figure(
     """Average F1 over seeds, then over tracks, with a 95 % interval.
 
     The interval is the bootstrap over seeds. Where a track has one seed, or seeds that differ no
-    more than test samples alone would make them, the test samples are drawn anew instead: AFR from
+    more than test samples alone would make them, the test samples are drawn again instead: AFR from
     its Jeffreys posterior, and coverage from that of a share of as many points as samples fooled.
 
     Args:

@@ -71,7 +71,7 @@ def check_ascending(path: Path, what: str, values: Sequence[Any]) -> None:
     if list(values) != sorted(set(values)):
         raise FileError(
             f"Expected ascending {what} in {path}, each once, got {shown(str(values))}. Restore "
-            "the file, or make it anew."
+            "the file, or make it again."
         )
 
 
@@ -84,7 +84,7 @@ def _unpack(
         raise FileError(
             f"Expected as many samples of each seed of {place} in {path}, each with a score, got "
             f"{len(seeds)} seeds, {len(mu)} mu and {len(score)} scores. Restore the file, or make "
-            "it anew."
+            "it again."
         )
     check_ascending(path, f"seeds of {place}", ascending)
     if ascending[0] < 0:

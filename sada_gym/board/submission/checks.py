@@ -41,7 +41,7 @@ _ADDRESS = re.compile(r"https?://[^\s<>\"'`\\]+")
 _ARCHIVE_BYTES = 2**12  # an NPZ file adds less than this to the arrays of a result
 _MAX_DIMENSION = 2**12  # more than any application has
 _SLACK = 0.01  # of coverage, whose ties other processors may decide differently
-_NO_EDITING = "Do not edit claims; make the entry anew"
+_NO_EDITING = "Do not edit claims; make the entry again"
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
@@ -99,7 +99,7 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
         if not changes:
             dimensions[place] = current_target(target.track, target.agent).dimension
         elif submission:
-            fix = "Make the result anew with this version of sada_gym"
+            fix = "Make the result again with this version of sada_gym"
             current = f"{place} to be of today's track, agent, rule and options"
             refuse(f"in {files.claims}", current, f"other ones: {changes.rstrip('.')}", fix)
         _check_result(files.claims, result, submission)

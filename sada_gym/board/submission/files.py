@@ -26,7 +26,7 @@ _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,150}")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows
 
 
-def refuse(where: str, expected: str, got: object, fix: str = "Make the entry anew") -> NoReturn:
+def refuse(where: str, expected: str, got: object, fix: str = "Make the entry again") -> NoReturn:
     """Raise a UserError that says what was expected, where, what came, and how to fix it."""
     raise UserError(f"Expected {expected} {where}, got {got}. {fix}.")
 
@@ -117,7 +117,7 @@ def check_strict_json(path: Path, max_bytes: int) -> None:
         expected, got, cause = "plain JSON", "one nested too deeply", error
     except ValueError as error:
         expected, got, cause = "plain JSON", f"something else: {shown(str(error))}", error
-    raise FileError(f"Expected {expected} in {path}, got {got}. Make the entry anew.") from cause
+    raise FileError(f"Expected {expected} in {path}, got {got}. Make the entry again.") from cause
 
 
 def _check_keys(pairs: Sequence[tuple[str, Any]]) -> None:
@@ -131,7 +131,7 @@ def _check_keys(pairs: Sequence[tuple[str, Any]]) -> None:
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text}, which is no finite number")
+        raise ValueError(f"{text}, which is not a finite number")
     return number
 
 

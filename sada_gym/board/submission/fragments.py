@@ -158,7 +158,7 @@ def _board_track(folder: Path, target: Target) -> str:
     if card is None or not card.track_ids:
         raise UserError(
             f"Expected a run on a track of the leaderboard, got one on {target.track} in "
-            f"{folder}. Environments of one's own cannot take part: the verifier has to evaluate "
+            f"{folder}. Your own environments cannot take part: the verifier has to evaluate "
             "the samples again, and nobody else could compare. `sada-gym envs` lists the tracks."
         )
     if target.agent in agents.names(card.name):

@@ -1,1 +1,1 @@
-"""Object detection with a detector and models that nobody here made."""
+"""Object detection with a detector and models that others made."""

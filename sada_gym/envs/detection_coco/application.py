@@ -14,7 +14,7 @@ class CocoDetectionApplication(DetectionApplication):
     """A detector that was trained on photographs is shown one textured model in an urban place.
 
     ## Description
-    The world is that of SADA-Detection, but nobody here made the detector or the objects:
+    The world is that of SADA-Detection, but others made the detector and the objects:
     CenterNet, trained on the photographs of COCO, looks at textured models of Sweet Home 3D and
     FlightGear. The adversary places the camera and the main light, and paints the model where it
     can be painted. The detector's highest confidence in the class is the score Q. The seed picks

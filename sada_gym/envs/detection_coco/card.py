@@ -1,4 +1,4 @@
-"""The card of object detection with a detector and models that nobody here made."""
+"""The card of object detection with a detector and models that others made."""
 
 from typing import Any
 

@@ -18,7 +18,7 @@ class FlightApplication(SimulatorApplication[FlightEpisodes]):
 
     ## Description
     JSBSim, the flight dynamics that FlightGear and industry use, brings the aircraft and, in their
-    own files, their autopilots, which nobody here made: a Cessna 172P, a Cessna 310 and a
+    own files, their autopilots, which others made: a Cessna 172P, a Cessna 310 and a
     Bombardier Global 5000. A flight of two minutes begins in level flight at 5,000 ft, heading
     east. After 10 s the autopilot is told another altitude and another heading. The crew holds the
     airspeed by the throttle and does nothing else. The adversary sets the load, the air, ice, the

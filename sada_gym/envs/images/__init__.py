@@ -1,1 +1,1 @@
-"""Images of one's own under attack: conditions of camera, weather and scene."""
+"""Your own images under attack: conditions of camera, weather and scene."""

@@ -1,4 +1,4 @@
-"""A model of one's own under attack, on images of one's own, under conditions that mu sets."""
+"""Your own model under attack, on your own images, under conditions that mu sets."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class ImageApplication(Application):
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
             classes, if all lie in such. Where there are none, what the model tells of the untouched
-            images is the truth: then a failure is a change of mind.
+            images is the truth: then a failure is a changed answer.
         conditions: `common`, `camera`, `weather`, `all`; a list of names and of conditions of your
             own; or a dictionary from a name to True or to a narrower range of its first parameter.
         task: `classify` or `detect`, where neither labels nor the agent say it.
@@ -101,7 +101,7 @@ class ImageApplication(Application):
         input_size: The sides in px that a classifier gets; None leaves images as they are.
         imagenet: Whether a classifier takes ImageNet's mean and spread for zero and one.
         device: Where a torch module computes: `cpu` or `cuda`.
-        agent_timeout: How many seconds an agent in a process of its own may take for its start, and
+        agent_timeout: How many seconds an agent in a separate process may take for its start, and
             for each answer.
         name: The application's name in reports.
         agent_id: Names the agent in evaluation stores; by default a hash of its weights.
@@ -375,7 +375,7 @@ class ImageApplication(Application):
         return self.images.sha256
 
     def close(self) -> None:
-        """End the process of an agent in a process of its own."""
+        """End the process of an agent in a separate process."""
         if isinstance(self.agent, Peer):
             self.agent.close()
 

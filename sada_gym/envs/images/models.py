@@ -296,7 +296,7 @@ def find_model(
         task: What it does; None where the agent itself says it.
         preparation: What a classifier gets.
         device: Where it computes.
-        timeout_s: How long an agent in a process of its own may take for an answer.
+        timeout_s: How long an agent in a separate process may take for an answer.
 
     Raises:
         UserError: If there is no such agent, or nobody says what it does.

@@ -1,4 +1,4 @@
-"""A classifier or a detector in a process of its own, asked over a socket."""
+"""A classifier or a detector in a separate process, asked over a socket."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ class PhotosApplication(ImageApplication):
     the seed draws; it turns and enlarges them, too. People that the detector finds in the untouched
     photograph with a confidence of at least 0.4 should be found again, with at least 0.25 and an
     overlap of at least 0.5. The score Q is the share of those that are. Nobody labelled the
-    photographs: a failure is a change of the detector's own mind. The seed also draws the noise.
+    photographs: a failure is a changed answer of the detector. The seed also draws the noise.
 
     ## Action Space
     `Box(-1, 1, (7,), float32)`, mapped to:

@@ -88,7 +88,7 @@ class GymnasiumApplication(EpisodePictures):
             command that starts it, ["other/bin/python", "serve_environment.py", "CartPole-v1"].
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. An
-            agent in a process of its own is an address, "tcp://127.0.0.1:7788", or a command that
+            agent in a separate process is an address, "tcp://127.0.0.1:7788", or a command that
             starts it, ["python", "serve.py"].
             A function is called for one observation at a time, and must remember nothing, because
             many episodes go on at once. A class or function without arguments, or with the one
@@ -145,7 +145,7 @@ class GymnasiumApplication(EpisodePictures):
         timeout: Seconds that the environment may take for an episode. A worker process is stopped
             in a call that takes longer, so use `workers=2` or more; a single process cannot
             interrupt a call.
-        agent_timeout: How many seconds an agent or an environment in a process of its own may take
+        agent_timeout: How many seconds an agent or an environment in a separate process may take
             to start, and to answer.
         privileged: A second agent, of the same kinds as `agent`, such as a controller that knows
             the physics or an older checkpoint. Where it fails as well, a failure may not be the
@@ -154,7 +154,7 @@ class GymnasiumApplication(EpisodePictures):
         num_envs: The most environments that are alive in a process at once, where an engine allows
             only so many: one is closed before the next is made. Scores stay the same, and worker
             processes have one each. None plays many worlds at once.
-        reuse: Whether an environment is reset for the next episode instead of made anew, which
+        reuse: Whether an environment is reset for the next episode instead of made again, which
             saves costly constructors. No parameter may be a keyword of the constructor. Before the
             first score counts, three worlds must go the same way in new environments and in one
             that was reset.

@@ -156,7 +156,7 @@ class Derived:
 
 
 def update_mujoco(env: Any) -> None:
-    """Let MuJoCo compute anew what follows from its model, such as the masses of subtrees."""
+    """Let MuJoCo compute again what follows from its model, such as the masses of subtrees."""
     with explained("Expected MuJoCo to compute its model", "Narrow the ranges.", InvalidWorld):
         update_model(mujoco_model(env))
 

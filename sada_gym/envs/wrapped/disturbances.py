@@ -340,7 +340,7 @@ class Sensor(Disturbance):
 class ObservationNoise(Sensor):
     """Gaussian noise on observations; the value is its standard deviation, in their units.
 
-    It is added anew at each step. Noise never takes a number out of the bounds of its space; whole
+    It is added again at each step. Noise never takes a number out of the bounds of its space; whole
     numbers, such as the pixels of an image, are rounded.
     """
 

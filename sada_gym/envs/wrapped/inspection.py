@@ -138,7 +138,7 @@ def check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
         if getattr(layer, "update_running_mean", False) is True:
             raise UserError(
                 f"Expected wrappers in {factory.name} that learn nothing, got "
-                f"{type(layer).__name__}, whose statistics begin anew in each episode and are not "
+                f"{type(layer).__name__}, whose statistics begin again in each episode and are not "
                 "those of the training. Let a function make the environment, and set the wrapper's "
                 "statistics and update_running_mean = False there."
             )

@@ -1,4 +1,4 @@
-"""Environments that are reset for the next episode instead of made anew."""
+"""Environments that are reset for the next episode instead of made again."""
 
 from __future__ import annotations
 

@@ -66,18 +66,18 @@ def check_repeats(
         if told := _difference(first, second):
             raise UserError(
                 f"Expected episodes of {name} that follow from their seed, but the world of "
-                f"seed {seed} went otherwise when the same actions were played again. The "
+                f"seed {seed} went differently when the same actions were played again. The "
                 "environment is random, and not the agent: let it draw from its own np_random "
                 "and not from numpy.random or random, and let its episodes share nothing. "
-                f"At first {told}."
+                f"The first difference: {told}."
             )
         if told := _difference(together[own], first):
             raise UserError(
                 f"Expected episodes of {name} that share nothing, but with the same actions "
-                f"the world of seed {seed} went otherwise beside other worlds than alone. "
+                f"the world of seed {seed} went differently among other worlds than alone. "
                 "Look for what the class or its module holds, such as a dictionary, a list or a "
-                "generator, and make it anew in reset; or set num_envs=1, where a process can hold "
-                f"one environment only. At first {told}."
+                "generator, and make it again in reset; or set num_envs=1, where a process can "
+                f"hold one environment only. The first difference: {told}."
             )
     return together
 
@@ -91,8 +91,8 @@ def check_resets(
         if told := _difference(fresh[own], kept[own]):
             raise UserError(
                 f"Expected reset of {name} to undo all that earlier episodes did, as reuse=True "
-                f"needs, but the world of seed {seed} went otherwise than in a new environment: "
-                f"{told}. Make it anew in reset, or leave reuse out."
+                f"needs, but the world of seed {seed} went differently from a new environment: "
+                f"{told}. Make it again in reset, or leave reuse out."
             )
 
 

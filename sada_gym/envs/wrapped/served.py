@@ -1,4 +1,4 @@
-"""An environment in a process of its own, asked over a socket as if it were in this one."""
+"""An environment in a separate process, asked over a socket as if it were in this one."""
 
 from __future__ import annotations
 
@@ -148,7 +148,9 @@ class ServedEnvironment(Peer):
         if self._link is None:
             greeting, _ = self._connect()
             if greeting != self._greeting:
-                self._lose(f"another environment than at first, which was {self.__name__}")
+                self._lose(
+                    f"not the environment of the first connection, which was {self.__name__}"
+                )
         self._count = (self._count + 1) % served.MAX_ENVIRONMENTS
         limit = max_episode_steps
         asked = {"keywords": keywords, "render": render_mode is not None, "limit": limit}

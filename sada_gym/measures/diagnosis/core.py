@@ -194,7 +194,7 @@ def _sentence(
     weaknesses: Sequence[Weakness], failures: int, tried: int, anywhere: Rate | None
 ) -> str:
     if not weaknesses:
-        refused = " Fresh worlds refused what the known ones hinted at." if tried else ""
+        refused = " Fresh worlds did not confirm what the known ones suggest." if tried else ""
         if anywhere is not None and anywhere.rate >= _NEARLY_ALL:
             every = "Every" if anywhere.fooled == anywhere.samples else "Nearly every"
             return (

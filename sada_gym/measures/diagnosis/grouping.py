@@ -13,15 +13,15 @@ from sada_gym.measures.failures import Group
 from sada_gym.measures.groups import distinct, words
 from sada_gym.parameters import Mu, ParameterSpace
 
-NO_WEAKNESS = "in no weakness"
+NO_WEAKNESS = "outside all weaknesses"
 _ALL = slice(None)
 
 
 def grouped(diagnosis: Diagnosis, space: ParameterSpace, mu: Mu) -> list[Group]:
     """Group failures, (n, d): each belongs to the first weakness whose rule holds.
 
-    The failures of one weakness are several groups where wide gaps lie between them. Those in no
-    weakness are one group; where there is no weakness at all, gaps alone make the groups.
+    The failures of one weakness are several groups where wide gaps lie between them. Those outside
+    all weaknesses are one group; without any weakness, gaps alone make the groups.
     """
     groups: list[Group] = []
     for group in by_weakness(diagnosis.weaknesses, space, mu):

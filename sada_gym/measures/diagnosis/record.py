@@ -169,13 +169,13 @@ def read_diagnosis(run: str | Path) -> Diagnosis:
     if diagnosis.version != VERSION:
         raise FileError(
             f"Expected a diagnosis of version {VERSION} in {path}, got version "
-            f"{diagnosis.version}. Make it anew by `sada-gym diagnose {path.parent}`."
+            f"{diagnosis.version}. Make it again by `sada-gym diagnose {path.parent}`."
         )
     return diagnosis
 
 
 def diagnosed_before(folder: Path) -> Diagnosis | None:
     """Return the diagnosis in a run's folder; None where its file is missing or cannot be read."""
-    with suppress(FileError):  # such a file is made anew
+    with suppress(FileError):  # such a file is made again
         return read_diagnosis(folder)
     return None

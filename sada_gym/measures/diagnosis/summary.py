@@ -19,14 +19,14 @@ def weakness_lines(diagnosis: Diagnosis, *, details: bool = False) -> Iterator[s
             yield f"   {line}"
         if not details:
             continue
-        apart = f" in {weakness.distinct} groups that lie apart" if weakness.distinct > 1 else ""
+        apart = f" in {weakness.distinct} separate regions" if weakness.distinct > 1 else ""
         yield (
             f"   {percent(weakness.volume)} of all worlds; {weakness.failures:,} known "
             f"failures{apart}"
         )
         if weakness.confirmed is not None:
             again = f"{weakness.confirmed.fooled} of {weakness.confirmed.samples}"
-            yield f"   {again} failures fail again on fresh seeds"
+            yield f"   {again} tried fail again on fresh seeds"
         for end in weakness.thresholds:
             low, high = end.interval_95
             interval = f"{number(low)} to {number(high)}"
@@ -41,7 +41,7 @@ def figures(weakness: Weakness) -> Iterator[str]:
     behaviour = "" if weakness.behaviour is None else f"; {weakness.behaviour}"
     yield f"{percent(weakness.share)} of all failures{behaviour}"
     if not weakness.is_checked:
-        yield "not yet confirmed: too few fresh worlds say so clearly"
+        yield "not yet confirmed: too few fresh worlds to be sure"
 
 
 def details(diagnosis: Diagnosis) -> Iterator[str]:
@@ -51,7 +51,7 @@ def details(diagnosis: Diagnosis) -> Iterator[str]:
     yield from weakness_lines(diagnosis, details=True)
     if diagnosis.weaknesses:
         yield (
-            f"  {percent(diagnosis.explained)} of the failures lie in a weakness. By "
+            f"  {percent(diagnosis.explained)} of the failures lie in a weakness. Based on "
             f"{diagnosis.worlds:,} worlds of the run and {diagnosis.fresh:,} fresh ones."
         )
 

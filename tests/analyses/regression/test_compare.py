@@ -163,8 +163,8 @@ def test_most_valid_seeds_decide_a_world(fooled, invalid, verdict):
     [
         ({}, "passed", "No regression: 3 fixed, 5 known failures remain, none new."),
         ({"max_failing": 5, "require_fixed": 0.375}, "passed", "No regression"),
-        ({"max_failing": 4}, "failed", "5 worlds fail, and 4 may."),
-        ({"max_failing": 0}, "failed", "5 worlds fail, and 0 may."),
+        ({"max_failing": 4}, "failed", "5 worlds fail; at most 4 may."),
+        ({"max_failing": 0}, "failed", "5 worlds fail; at most 0 may."),
         ({"require_fixed": 0.5}, "failed", "3 of 8 known failures are fixed, and 50 % must be."),
     ],
 )
@@ -198,6 +198,6 @@ def test_the_probability_in_ordinary_use_is_a_gate(interval, refused, status):
     )  # fmt: skip
     gated = gate(decide(changes(same=40)), found, 1e-3)
     assert gated.status == status
-    assert "and 1 of 1,000 may" in gated.reason
+    assert "at most 1 of 1,000 may" in gated.reason
     assert (gated.more == 6_000) == (status == "inconclusive")
     assert gate(decide(changes(9, 0, 40)), found, 1e-3).status == "failed"

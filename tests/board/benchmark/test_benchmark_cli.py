@@ -217,7 +217,7 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in printed
-    assert f"Stopped. 1 finished runs and all evaluations are kept in {out}" in printed
+    assert f"Stopped. 1 finished runs and all evaluations are saved in {out}" in printed
     assert shlex.split(printed.strip().splitlines()[-1]) == ["sada-gym", *command]
 
 

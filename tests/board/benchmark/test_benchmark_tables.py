@@ -102,7 +102,7 @@ def line(text, section, label):
 
 def test_it_is_laid_out_like_the_papers_table(whole):
     text, _ = whole
-    section = "Beside the paper's Table 1"
+    section = "Compared with the paper's Table 1"
     header = ["adversary", "Bicycle", "Motorbike", "Truck", "12-class avg"]
     assert line(text, section, "adversary") == header
     assert line(text, section, "full set") == [
@@ -160,8 +160,8 @@ def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
     whole = text.partition(section)[2].partition("\n## ")[0]
     assert "Agents: photographer, cil." in whole
     header = ["adversary", "Bicycle", "One Curve"]
-    assert line(whole, "Beside the paper's Table 1", "adversary") == header
-    assert line(whole, "Beside the paper's Table 1", "bbgan") == [
+    assert line(whole, "Compared with the paper's Table 1", "adversary") == header
+    assert line(whole, "Compared with the paper's Table 1", "bbgan") == [
         "bbgan",
         "**80.0** / 44.0",
         "**80.0** / 98.0",

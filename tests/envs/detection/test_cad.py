@@ -176,7 +176,7 @@ def test_bad_meshes_are_named_or_left_out(tmp_path: Path, name: str, content: by
     bad = tmp_path / "car" / name
     bad.write_bytes(content)
     with pytest.raises(
-        ValueError, match=rf"{name}, got .*; export it anew, remove it, or pass skip"
+        ValueError, match=rf"{name}, got .*; export it again, remove it, or pass skip"
     ):
         load_folder(tmp_path)
     with pytest.warns(UserWarning, match=name):

@@ -280,7 +280,7 @@ def test_a_greedy_policy_explores_by_the_evaluations_seed():
 def test_noise_that_lasts_for_several_steps_is_refused():
     agent = PPO("MlpPolicy", "Pendulum-v1", use_sde=True, device="cpu")
     pendulum(agent=agent)
-    with pytest.raises(ValueError, match="each action anew, got PPO with use_sde=True"):
+    with pytest.raises(ValueError, match="each action separately, got PPO with use_sde=True"):
         pendulum(agent=agent, deterministic=False)
     with pytest.raises(ValueError, match="deterministic to be a bool, got 1"):
         pendulum(agent=agent, deterministic=1)

@@ -160,7 +160,8 @@ def test_an_environment_whose_reset_ignores_the_seed_gets_a_sentence(monkeypatch
     monkeypatch.setattr(toys, "OneEngine", Careless)
     application = one_engine(parameters={"mass": (1.0, 4.0)}, env_kwargs={}, reuse=True)
     with pytest.raises(
-        UserError, match=r"let its episodes share nothing\. At first .* which may ignore the seed"
+        UserError,
+        match=r"share nothing\. The first difference: .* which may ignore the seed",
     ):
         application.evaluate(MU[:, :1], range(6))
 

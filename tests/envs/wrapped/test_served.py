@@ -266,7 +266,7 @@ def test_a_file_names_a_command_or_an_address(tmp_path):
             ["python", "serve_environment.py", "math:sqrt"],
             "sqrt to be made with .* TypeError",
         ),
-        (f"tcp://127.0.0.1:{9}", "nobody is there .* python serve_environment.py ID"),
+        (f"tcp://127.0.0.1:{9}", "nothing answers there .* python serve_environment.py ID"),
     ],
 )
 def test_servers_that_do_not_start_get_a_sentence(environment, message):

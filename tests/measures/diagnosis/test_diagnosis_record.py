@@ -90,7 +90,7 @@ def test_a_missing_and_another_versions_diagnosis_say_how_to_make_it(tmp_path):
     with pytest.raises(FileError, match=r"got no diagnosis\.json there\. Make it by `sada-gym"):
         read_diagnosis(tmp_path)
     write_diagnosis(tmp_path, diagnosis(version=7))
-    with pytest.raises(FileError, match=r"of version 1 in .*, got version 7\. Make it anew"):
+    with pytest.raises(FileError, match=r"of version 1 in .*, got version 7\. Make it again"):
         read_diagnosis(tmp_path)
     (tmp_path / DIAGNOSIS_FILE).write_text("{}")
     with pytest.raises(FileError, match=r"diagnosis\.json"):

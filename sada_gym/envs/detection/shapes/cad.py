@@ -110,7 +110,7 @@ def load_class(
             if not skip_unreadable:
                 raise UserError(
                     f"Expected a mesh with faces and finite coordinates in {file}, got {error}; "
-                    "export it anew, remove it, or pass skip_unreadable=True to go on without it."
+                    "export it again, remove it, or pass skip_unreadable=True to go on without it."
                 ) from error
             warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=2)
     if not shapes:

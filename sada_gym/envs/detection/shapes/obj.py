@@ -271,7 +271,9 @@ def _finish(name: str, block: dict[str, str], companions: Companions) -> _Finish
         if "d" in block:
             opacity = float(block["d"].split()[-1])
     except (ValueError, IndexError) as error:
-        raise UserError(f"a material {shown(name)!r} whose Kd, Ks, d or Tr is no number") from error
+        raise UserError(
+            f"a material {shown(name)!r} whose Kd, Ks, d or Tr is not a number"
+        ) from error
     texture, finish = None, _Finish(Surface())
     if block.get("map_kd"):
         file, finish = _map(name, block["map_kd"])

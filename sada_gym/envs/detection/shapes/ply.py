@@ -180,7 +180,7 @@ def _numbers(words: list[bytes], kind: str) -> npt.NDArray[np.float64]:
         values = np.array(words, "S").astype(float) if words else np.empty(0)
         return values.astype("f4").astype(float) if kind == "f4" else values
     except ValueError as error:
-        raise UserError(f"a value that is no number ({error})") from error
+        raise UserError(f"a value that is not a number ({error})") from error
 
 
 def _triangles(

@@ -73,4 +73,4 @@ def _read_ascii(text: str) -> Points:
     try:
         return np.array(values, float).reshape(-1, 3, 3)
     except ValueError as error:
-        raise UserError(f"a vertex that is no number ({error})") from error
+        raise UserError(f"a vertex that is not a number ({error})") from error

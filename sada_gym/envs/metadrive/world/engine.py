@@ -1,4 +1,4 @@
-"""MetaDrive's engine, of which a process can have one: it is kept, and each world is made anew.
+"""MetaDrive's engine, of which a process can have one: it is kept, and each world is made again.
 
 MetaDrive is reset by its own settings alone. Where these leave something of the worlds before (its
 physics, recycled cars) or leave an order to chance (a set of objects), a manager and a lidar of
