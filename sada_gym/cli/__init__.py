@@ -20,7 +20,7 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "envs": ("catalogue:envs", "List the environments, or show one.", {}),
     "agents": ("catalogue:agents", "List the trained agents.", {}),
     "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
-    "fetch": ("fetch:fetch", "Fetch a trained agent that others made.", {}),
+    "fetch": ("fetch:fetch", "Fetch a third-party agent.", {}),
     "init": ("init:init", "Write a TOML file for attacking your own agent.", _STRAY),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
     "diagnose": ("diagnose:diagnose", "Say where an agent fails, in a few rules.", {}),

@@ -90,7 +90,7 @@ def _show_environment(env_id: str, pairs: list[str] | None, as_json: bool) -> No
 
 
 def agents(as_json: bool = json_option()) -> None:
-    """List the trained agents: shipped, in packages of others, or to be fetched."""
+    """List the trained agents: shipped, in third-party packages, or to be fetched."""
     from sada_gym.foundations.cards import PackagedAgent, cards
 
     if as_json:

@@ -137,7 +137,7 @@ class FailureEstimate(Strict):
         refused = "" if self.refused is None else f". Do not rely on it: {self.refused}"
         yield "in ordinary use", f"{self.sentence}{refused}"
         if self.beside is not None:
-            yield "beside it", self.beside.sentence
+            yield "compared", self.beside.sentence
         if self.per is not None or self.unit is not None:
             yield "in use", self._in_use()
         yield "that rests on", self.basis

@@ -65,7 +65,7 @@ def summary_rows(
         yield "combinations", _combined(report.nominal.combined, values)
     if report.nominal is not None and report.nominal.beside_budget is not None:
         beside = f"{report.nominal.beside_budget:,} evaluations of the nominal world and around it"
-        yield "beside the budget", beside
+        yield "beyond the budget", beside
     if likely is not None:
         yield from likely.rows()
     elif report.in_use is not None:

@@ -78,7 +78,7 @@ class DetectionApplication(Application):
 
     ## Rewards
     A Python float, exactly `-info["score"]`: minus the detector's highest confidence in the class
-    among its best 20 detections, 0 where there is none. `coco-centernet` always tells its highest
+    among its best 20 detections, 0 where there is none. `coco-centernet` always gives its highest
     confidence in the class.
 
     ## Starting State

@@ -32,11 +32,11 @@ RIGHT, WRONG, INK, PAPER = rgb(GREEN), rgb(VERMILLION), (31, 41, 51), (255, 255,
 _GAP, _LINE, _CAPTION = 8, 23, 80
 
 LEGEND = (
-    LegendEntry("seen as the class that it is", GREEN, "line"),
+    LegendEntry("seen as its true class", GREEN, "line"),
     LegendEntry("seen as another class", VERMILLION, "dashed line"),
     LegendEntry(
-        "Left: the image. Right: what the adversary made of it. p is the classifier's "
-        "probability of the true class, which stands in brackets."
+        "Left: the image, with its true class. Right: what the adversary made of it. p is the "
+        "classifier's probability of the true class."
     ),
 )
 
@@ -59,11 +59,16 @@ def beside(images: Floats32, probabilities: Floats, label: int) -> Bytes:
     width = max(width, SIDE)  # room for the caption
     picture = Image.new("RGB", (2 * width + 3 * _GAP, height + _CAPTION + _GAP), PAPER)
     draw, face = ImageDraw.Draw(picture), font(20)
-    for i, (title, panel) in enumerate(zip(("unchanged", "attacked"), panels, strict=True)):
+    titles = (f"true: {with_article(label)}", "attacked")
+    for i, (title, panel) in enumerate(zip(titles, panels, strict=True)):
         left = _GAP + i * (width + _GAP)
         guess = int(probabilities[i].argmax())
         right = guess == label
-        lines = (title, f"seen as {guess}", f"p({label}) = {probabilities[i, label]:.2f}")
+        lines = (
+            title,
+            f"seen as {with_article(guess)}",
+            f"p({label}) = {probabilities[i, label]:.2f}",
+        )
         for k, line in enumerate(lines):
             draw.text((left, 2 + k * _LINE), line, fill=INK, font=face)
         ends = [(left, _CAPTION - 3), (left + panel.shape[1], _CAPTION - 3)]
@@ -245,7 +250,7 @@ def behaviour(info: Mapping[str, Any]) -> Behaviour:
         return Behaviour(f"{with_article(label)}, {event}", (event,), data=data)
     if info["fooled"]:
         return Behaviour(f"{with_article(label)}, with little confidence", ("unsure",), data=data)
-    return Behaviour(f"seen to be {with_article(label)}", data=data)
+    return Behaviour(f"{with_article(label)}, recognised", data=data)
 
 
 def with_article(number: int) -> str:

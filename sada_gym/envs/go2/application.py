@@ -28,7 +28,7 @@ ORDINARY = {
 
 
 class Go2Application(SimulatorApplication[Go2Episodes]):
-    """A walking policy of others drives a robot dog along a commanded way.
+    """A third-party walking policy leads a robot dog along a commanded way.
 
     ## Description
     The robot is a Unitree Go2 in MuJoCo, with physics that others fitted to runs of a real one. Its

@@ -21,7 +21,7 @@ from sada_gym.parameters import Mu
 
 
 class MetaDriveApplication(SimulatorApplication[DriveEpisodes]):
-    """A driver that others trained follows a route in MetaDrive, among other cars.
+    """A third-party driver follows a route in MetaDrive, among other cars.
 
     ## Description
     MetaDrive is a simulator of driving that its authors wrote for reinforcement learning (Li et al.

@@ -7,8 +7,8 @@ _PACKAGE, _VERSION, _LICENCE = "metadrive-simulator", "0.4.3", "Apache-2.0"
 CARD = ApplicationCard(
     name="SADA-DrivingMetaDrive",
     title="MetaDrive",
-    summary="The adversary changes road, traffic, accidents, lidar and car, and a driver that "
-    "others trained has to follow its route without a crash.",
+    summary="The adversary changes road, traffic, accidents, lidar and car, and a third-party "
+    "driver has to follow its route without a crash.",
     application="sada_gym.envs.metadrive.application:MetaDriveApplication",
     requirements="sada_gym.envs.metadrive.world.engine:missing",
     packaged=(

@@ -6,8 +6,8 @@ from sada_gym.foundations.cards import ApplicationCard, small_suite
 CARD = ApplicationCard(
     name="SADA-Photos",
     title="Photographs",
-    summary="The adversary changes camera and weather in photographs of a street, until a detector "
-    "that others trained no longer finds the people that it found before.",
+    summary="The adversary changes camera and weather in photographs of a street, until a "
+    "third-party detector no longer finds the people that it found before.",
     application="sada_gym.envs.photos.application:PhotosApplication",
     requirements="sada_gym.envs.photos.application:missing",
     tracks={"Street": {"photos": "street"}},

@@ -14,7 +14,7 @@ from sada_gym.parameters import Mu
 
 
 class QuadrotorApplication(SimulatorApplication[QuadrotorEpisodes]):
-    """A recurrent policy of others flies a quadrotor along a figure of eight.
+    """A third-party recurrent policy flies a quadrotor along a figure of eight.
 
     ## Description
     The pilot is RAPTOR, one small recurrent network that its authors trained to fly any quadrotor

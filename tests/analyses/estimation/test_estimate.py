@@ -156,7 +156,7 @@ def test_the_ratio_of_two_agents_in_common_worlds_is_known():
     assert found.queries == 1_200
     assert found.interval[0] <= truth(weak) <= found.interval[1]
     assert found.beside.interval[0] <= truth(strong) <= found.beside.interval[1]
-    assert "times as often" in dict(found.rows())["beside it"]
+    assert "times as often" in dict(found.rows())["compared"]
 
 
 @pytest.mark.long
