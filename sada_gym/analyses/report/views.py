@@ -208,8 +208,8 @@ class RunView:
             lines.append(NamedRate("all worlds in the ranges", even, f"{even.samples:,} worlds"))
         lines.append(self.afr)
         if failures is not None and failures.confirmed is not None:
-            note = f"{failures.confirmed.samples} failures, on {failures.seeds} seeds each"
-            lines.append(NamedRate("of these, again", failures.confirmed, note, found=True))
+            note = f"{failures.confirmed.samples} tried on {failures.seeds} fresh seeds each"
+            lines.append(NamedRate("failures that repeat", failures.confirmed, note, found=True))
         return tuple(lines)
 
     @property

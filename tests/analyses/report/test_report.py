@@ -155,9 +155,9 @@ def test_a_later_diagnosis_or_confirmation_makes_the_report_anew(copied, tmp_pat
     assert CliRunner().invoke(app, command).exit_code == 0
     shown = Page((copied / "report.html").read_bytes())
     assert " fail again on a fresh seed" not in shown.text
-    assert "of these, again" in shown.text
+    assert "failures that repeat" in shown.text
     assert run(resumed, resume=True, confirm=1).html is not None
-    assert "of these, again" in Page((resumed / "report.html").read_bytes()).text
+    assert "failures that repeat" in Page((resumed / "report.html").read_bytes()).text
 
 
 def test_a_report_can_be_left_out(tmp_path):
