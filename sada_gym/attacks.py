@@ -194,14 +194,14 @@ def _says_little(settings: RunSettings) -> Iterator[str]:
     adversary, protocol = settings.label, settings.experiment.protocol
     if adversary not in _LEARN_NOTHING and protocol.budget < _FEWEST_QUERIES:
         yield (
-            f"By {protocol.budget:,} queries {adversary} can hardly learn where the agent fails. "
-            f"Give it at least {_FEWEST_QUERIES}, better some hundred (--budget, budget=)."
+            f"From {protocol.budget:,} queries {adversary} can hardly learn where the agent fails. "
+            f"Use at least {_FEWEST_QUERIES}, better some hundred (--budget, budget=)."
         )
     if (samples := protocol.samples) < _FEWEST_SAMPLES:
         low = wilson_interval(samples, samples)[0]
         yield (
-            f"The fooling rate of so few samples ({samples}) says little: if all of them fooled, "
-            f"it could be {percent(low)} as well. Draw at least {_FEWEST_SAMPLES} (--samples, "
+            f"The fooling rate of only {samples} samples says little: even if all of them fooled, "
+            f"the true rate could be {percent(low)}. Draw at least {_FEWEST_SAMPLES} (--samples, "
             "samples=)."
         )
 

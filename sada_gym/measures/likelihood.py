@@ -140,7 +140,7 @@ class FailureEstimate(Strict):
             yield "compared", self.beside.sentence
         if self.per is not None or self.unit is not None:
             yield "in use", self._in_use()
-        yield "that rests on", self.basis
+        yield "based on", self.basis
         if self.to_halve:
             yield "to halve this interval", f"about {self.to_halve:,} more queries"
         if self.shares:

@@ -54,13 +54,15 @@ def images_file(images: Any, agent: str, labels: Path | None, task: Any, file: P
     truth = f"Of {count} images: {percent(clean)} {right} untouched."
     if not known:
         truth = (
-            f"{count} images without labels: what the model tells of them untouched is the truth."
+            f"{count} images without labels: the model's answers on the untouched images are the "
+            "truth."
         )
     threshold = number(application.fooling_threshold)
     notes = (
         truth,
-        f"Threshold {threshold}: halfway to chance. So much or less is a failure.",
-        f"A world has {batch} images: the model took {number(seconds)} s for one. More tell more.",
+        f"Threshold {threshold}: halfway to chance. A score of at most this is a failure.",
+        f"A world has {batch} images, as the model takes {number(seconds)} s for one. More give a "
+        "finer score.",
     )
     return StarterFile("\n".join(lines) + "\n", notes, ready=True)
 

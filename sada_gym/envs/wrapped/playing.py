@@ -215,7 +215,7 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         shares = {part: seconds / total for part, seconds in spent.items()}
         told = [f"{part} {percent(share)}" for part, share in shares.items()]
         steps = sum(len(episode.rewards) for episode in episodes)
-        text = f"Of its time: {', '.join(told)}; {steps:,} steps."
+        text = f"Time: {', '.join(told)}; {steps:,} steps."
         by_keyword = any(isinstance(b, Keyword) for b in self.episode_spec.bindings.values())
         if not kept and not by_keyword and shares["constructor"] > _MUCH:
             text += " reuse=True would save the constructor, if reset undoes all that episodes do."

@@ -129,7 +129,7 @@ def test_a_run_keeps_its_estimate_and_tells_it(tmp_path):
     found = sada_gym.estimate(run, budget=300, density=densities)
     assert load_run(run.folder).estimate == found
     assert found.sentence in str(run)
-    assert "that rests on" in str(run)
+    assert "based on" in str(run)
     if found.shares:
         assert sum(share.share for share in found.shares) == pytest.approx(1.0)
     page = sada_gym.report(run).read_text(encoding="utf-8")

@@ -50,7 +50,7 @@ def slow(binding=Attribute, **kwargs):
 def test_a_slow_constructor_is_told_with_what_saves_it():
     application = slow(env_kwargs={"make_s": 0.2})
     assert application.seconds_per_world >= 0.2
-    assert re.match(r"Of its time: constructor \d+ %, .*; 4 steps\. reuse=True", application.costs)
+    assert re.match(r"Time: constructor \d+ %, .*; 4 steps\. reuse=True", application.costs)
     assert "reuse" not in slow(Keyword, env_kwargs={"make_s": 0.2}).costs
     kept = slow(env_kwargs={"make_s": 0.2}, reuse=True)
     assert kept.seconds_per_world is not None
@@ -70,7 +70,7 @@ def test_an_attack_says_so_before_it_starts(tmp_path, monkeypatch):
         warnings.simplefilter("error", SlowWorlds)
         attack(slow(), "random", out=tmp_path / "fast", **given)
     monkeypatch.setattr("sada_gym.evaluation.evaluator.SLOW_S", 0.1)
-    with pytest.warns(SlowWorlds, match=r"a world; 10 worlds: \d+ s\. Of its time: .* workers"):
+    with pytest.warns(SlowWorlds, match=r"a world; 10 worlds: \d+ s\. Time: .* workers"):
         attack(slow(env_kwargs={"step_s": 0.04}), "random", out=tmp_path / "slow", **given)
 
 
