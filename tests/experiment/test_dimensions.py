@@ -61,4 +61,4 @@ def test_an_attack_says_before_it_begins_that_its_result_will_say_little(tmp_pat
         attack(Steep(1), "gaussian", budget=10, samples=1, out=tmp_path / "a", pictures=False)
     texts = [str(one.message) for one in said]
     assert any("From 10 queries gaussian can hardly learn" in text for text in texts)
-    assert any("it could be 21 % as well. Draw at least 10" in text for text in texts)
+    assert any("the true rate could be 21 %. Draw at least 10" in text for text in texts)

@@ -161,7 +161,8 @@ def decide(
     elif not broken:
         status = "passed"
         known = compared.count("still fails")
-        reason = f"No regression: {fixed} fixed, {known} known failures remain, none new"
+        remain = "1 known failure remains" if known == 1 else f"{known} known failures remain"
+        reason = f"No regression: {fixed} fixed, {remain}, none new"
     elif better <= ALPHA:
         status = "passed"
         reason = f"{fixed} of {n} worlds were fixed and {broken} regressed (p = {better:.2g})"
