@@ -126,17 +126,17 @@ def test_the_example_of_a_submission_is_what_the_entry_of_gp_claims() -> None:
     assert f"SADA-Digits-3-v0.cnn.paper-budgets: AFR {100 * afr:.1f} % (" in page
 
 
-def test_the_pages_tell_one_figure_of_make_attack_near_the_entrys_claim() -> None:
-    claims = claims_of("bbgan", "SADA-Detection-Car-v0.photographer.paper-budgets")
-    told = [
-        re.search(pattern, page.read_text(encoding="utf-8"))
-        for page, pattern in (
-            (ROOT / "README.md", r"whose samples then fool\s+(\d+) %"),
-            (DOCS / "index.md", r"BBGAN learns worlds that fool the car detector (\d+) %"),
-            (DOCS / "getting-started.md", r"then (\d+) % of its samples fool"),
-        )
-    ]
-    (figure,) = {int(found[1]) for found in told if found is not None}
-    assert None not in told
-    # the entry was made by other kernels; 250 samples tell a rate to 5 points
-    assert abs(figure - 100 * afr_of(claims, 0)) < 5
+def test_the_pages_show_one_table_of_make_attack_near_the_entries_claims() -> None:
+    row = re.compile(r"^ *(random|BBGAN|level-set).* (\d+) %, \d+ of 250 +(\d+) %$", re.MULTILINE)
+    pages = ROOT / "README.md", DOCS / "index.md"
+    table, same = (row.findall(page.read_text(encoding="utf-8")) for page in pages)
+    assert table == same
+    assert len(table) == 3
+    for name, afr, variety in table:
+        claims = claims_of(name.lower(), "SADA-Detection-Car-v0.photographer.equal-queries")
+        measures = claims.seeds[0].measures
+        assert measures is not None
+        assert measures.relative_coverage is not None
+        # the entries were made by other kernels; 250 samples tell a rate to 5 points
+        assert abs(int(afr) - 100 * measures.afr) < 5
+        assert abs(int(variety) - 100 * measures.relative_coverage) < 5
