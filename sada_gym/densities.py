@@ -46,9 +46,12 @@ class Density:
 
     def __post_init__(self) -> None:
         """Check the data."""
-        pairs: list[tuple[str, Any]] = [*self.data.items(), ("", None)]
+        data = self.data if isinstance(self.data, Mapping) else {}
+        pairs: list[tuple[str, Any]] = [*data.items(), ("", None)]
         kind, numbers = pairs[0]
-        if self.is_table:
+        if not data:
+            right = False
+        elif self.is_table:
             values, weights = self.data["values"], self.data["weights"]
             lists = isinstance(values, list | tuple) and _are_finite(weights, len(values))
             right = lists and min(weights, default=-1.0) >= 0.0 and sum(weights) > 0.0
@@ -61,7 +64,7 @@ class Density:
         if not right:
             raise UserError(
                 f"Expected a density as {_FORMS}, with low < high, sd above 0, and as many weights "
-                f"as values, none below 0 and one above; got {dict(self.data)!r}."
+                f"as values, none below 0 and one above; got {self.data!r}."
             )
 
     @property

@@ -1,21 +1,29 @@
 """How often intervals of small probabilities of failure hold the truth, and how large errors are.
 
-    python -m studies.rare --half judge --runs 24
+    python -m studies.rare --half judge --runs 200 --minutes 35 --store rare.csv
 
 Forty problems have a probability that is known exactly: 2 to 12 standard normal parameters, 1e-1 to
 1e-6, one to four regions, smooth and spotted, noisy or not, and regions that no score shows. The
 settings of `sada_gym.analyses.estimation` were chosen on those with even numbers; `--half judge`
 takes the others. Each run has 2,000 queries. "Before" are uniform worlds within 6 standard
-deviations, weighted by the density, as an attack's summary has them. Two seconds of one core a run;
-twenty problems with 24 runs take a quarter of an hour.
+deviations, weighted by the density, as an attack's summary has them.
+
+A run takes about a second of one core. They go in rounds, a run of each problem a round, so that
+every problem has as many runs wherever the time ends; the table counts whole rounds alone. With
+`--store` the same command goes on after a stop, and adds rounds after its time was over.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +33,7 @@ from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 
 from sada_gym.analyses.estimation.core import Answers, estimate_probability
-from sada_gym.measures.rates import weighted_rate
+from sada_gym.measures.rates import weighted_rate, wilson_interval
 
 Floats = npt.NDArray[np.float64]
 
@@ -175,6 +183,7 @@ def four_branches(p: float) -> Problem:
     return Problem("four branches", 2, held(far), lambda z: margin(z[:, 0], z[:, 1], far))
 
 
+@cache
 def problems() -> list[Problem]:
     """Return the forty problems."""
     return [
@@ -204,35 +213,96 @@ def before(problem: Problem, seed: int) -> tuple[float, float, float]:
     return rate.rate, rate.low, rate.high
 
 
-def rows(number: int, problem: Problem, runs: int) -> Iterator[str]:
+class Outcome(NamedTuple):
+    """What a run found: a probability with its interval, both NaN where it gave none."""
+
+    probability: float
+    low: float
+    high: float
+    refused: bool
+    queries: int
+
+
+def now(number: int, problem: Problem, seed: int) -> Outcome:
+    """Estimate a problem's probability as `sada-gym estimate` does."""
+    rng, noise = (np.random.default_rng((number, seed, *more)) for more in ((), (1,)))
+    found = estimate_probability(
+        Normal(problem.dimension), lambda z: problem.answers(z, noise), 0.5, QUERIES, rng
+    )
+    return Outcome(found.probability, *found.interval, found.refused is not None, QUERIES)
+
+
+Method = Callable[[int, Problem, int], Outcome]
+"""Estimates by the number of a problem, the problem, and a seed."""
+
+Runs = dict[tuple[str, int], list[Outcome]]
+"""The runs of each method on each problem's number, by seed."""
+
+
+def in_rounds(
+    methods: dict[str, Method],
+    numbers: Sequence[int],
+    runs: int,
+    store: Path | None = None,
+    seconds: float = np.inf,
+) -> Runs:
+    """Run each method on each problem once a round, and return whole rounds.
+
+    `store` keeps what was found, and is not asked again for what it holds. After so many seconds of
+    the processor no round begins.
+    """
+    done: dict[tuple[str, int, int], Outcome] = {}
+    if store is not None and store.exists():
+        with store.open(newline="") as file:
+            for name, number, seed, *told, refused, queries in csv.reader(file):
+                outcome = Outcome(*map(float, told), refused == "True", int(queries))
+                done[name, int(number), int(seed)] = outcome
+    every, found = problems(), Runs()
+    for seed in range(runs):
+        if time.process_time() > seconds:
+            break
+        for name, method in methods.items():
+            for number in numbers:
+                if (name, number, seed) not in done:
+                    outcome = method(number, every[number], seed)
+                    done[name, number, seed] = outcome
+                    if store is not None:
+                        with store.open("a", newline="") as file:
+                            csv.writer(file).writerow((name, number, seed, *outcome))
+                found.setdefault((name, number), []).append(done[name, number, seed])
+    return found
+
+
+def row(problem: Problem, runs: Sequence[Outcome]) -> Iterator[str]:
     """Yield the cells of a problem's row."""
     plain = np.sqrt((1.0 - problem.truth) / problem.truth / QUERIES)
     old = np.array([before(problem, seed) for seed in range(BEFORE_RUNS)])
-    found = []
-    for seed in range(runs):
-        rng, noise = (np.random.default_rng((number, seed, *more)) for more in ((), (1,)))
-        found.append(
-            estimate_probability(
-                Normal(problem.dimension),
-                lambda z, noise=noise: problem.answers(z, noise),  # type: ignore[misc]
-                0.5,
-                QUERIES,
-                rng,
-            )
-        )
-    new = np.array([(one.probability, *one.interval) for one in found])
-    sure = np.array([one.refused is None for one in found])
+    new = np.array([one[:3] for one in runs])
+    sure = np.array([not one.refused for one in runs])
     yield f"{problem.name}"
     yield f"{problem.dimension}"
     yield f"{problem.truth:.1e}"
     yield f"{plain:.2f}"
-    yield f"{error(old, problem.truth):.2f}"
-    yield f"{100 * held(old, problem.truth):.0f} %"
-    yield f"{upper(old, problem.truth):.1f} p"
+    yield short(error(old, problem.truth), 2)
+    yield f"{100 * held(old, problem.truth).mean():.0f} %"
+    yield f"{short(upper(old, problem.truth), 1)} p"
     yield f"{error(new, problem.truth):.2f}"
-    yield f"{100 * held(new[sure], problem.truth):.0f} %" if sure.any() else "-"
+    yield coverage(held(new[sure], problem.truth))
     yield f"{upper(new, problem.truth):.1f} p"
-    yield f"{int((~sure).sum())} of {runs}"
+    yield f"{int((~sure).sum())} of {len(runs)}"
+
+
+def short(value: float, digits: int) -> str:
+    """Write a number with so many decimals, and one of 10 or more without any."""
+    return f"{value:,.0f}" if value >= 10.0 else f"{value:.{digits}f}"
+
+
+def coverage(held: npt.NDArray[np.bool_]) -> str:
+    """Write which share of intervals hold the truth, (n,), with its own 95 % interval."""
+    if not len(held):
+        return "-"
+    low, high = (100 * end for end in wilson_interval(int(held.sum()), len(held)))
+    return f"{100 * held.mean():.0f} % ({low:.0f} to {high:.0f})"
 
 
 def error(found: Floats, truth: float) -> float:
@@ -240,9 +310,9 @@ def error(found: Floats, truth: float) -> float:
     return float(np.sqrt(np.mean((found[:, 0] / truth - 1.0) ** 2)))
 
 
-def held(found: Floats, truth: float) -> float:
-    """Return in which share of (n, 3) rates with their intervals these hold the truth."""
-    return float(np.mean((found[:, 1] <= truth) & (truth <= found[:, 2])))
+def held(found: Floats, truth: float) -> npt.NDArray[np.bool_]:
+    """Return which of (n, 3) rates with their intervals hold the truth, (n,)."""
+    return np.asarray((found[:, 1] <= truth) & (truth <= found[:, 2]))
 
 
 def upper(found: Floats, truth: float) -> float:
@@ -250,18 +320,27 @@ def upper(found: Floats, truth: float) -> float:
     return float(np.median(found[:, 2]) / truth)
 
 
+def numbers_of(half: str) -> list[int]:
+    """Return the numbers of the problems of a half."""
+    chosen = range(len(problems()))
+    return [number for number in chosen if half in ("both", ("choose", "judge")[number % 2])]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--half", choices=("choose", "judge", "both"), default="both")
     parser.add_argument("--runs", type=int, default=16)
+    parser.add_argument("--minutes", type=float, default=np.inf, help="of the processor, at most")
+    parser.add_argument("--store", type=Path, help="a file that keeps the runs")
     given = parser.parse_args()
+    numbers = numbers_of(given.half)
+    found = in_rounds({"now": now}, numbers, given.runs, given.store, 60.0 * given.minutes)
     columns = ["problem", "d", "p", "plain: error", "before: error", "held", "upper"]
     columns += ["now: error", "held", "upper"]
     print("|", " | ".join([*columns, "refused"]), "|")
     print("| --- " * (len(columns) + 1) + "|")
-    for number, problem in enumerate(problems()):
-        if given.half in ("both", ("choose", "judge")[number % 2]):
-            print("|", " | ".join(rows(number, problem, given.runs)), "|", flush=True)
+    for number in numbers:
+        print("|", " | ".join(row(problems()[number], found["now", number])), "|", flush=True)
 
 
 if __name__ == "__main__":

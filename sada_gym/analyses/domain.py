@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sada_gym.analyses.regression.suite import Ranged
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import Bools, Floats32, Integers
@@ -38,19 +39,13 @@ class Cell(Strict):
     failures: Rate | None
 
 
-class Range(Strict):
+class Range(Ranged):
     """A parameter of the domain.
 
     Attributes:
         density: How likely its values are in ordinary use, as it was given; None where unknown.
     """
 
-    name: str
-    unit: str
-    low: float
-    high: float
-    whole: bool
-    choices: tuple[str, ...]
     density: dict[str, Any] | None
     cells: tuple[Cell, ...]
 
@@ -154,16 +149,7 @@ def _range(
         low, high = edges[k : k + 2].tolist()
         rate = Rate.of(failed, worlds) if worlds else None
         cells.append(Cell(low=low, high=high, choice=choice, worlds=worlds, failures=rate))
-    return Range(
-        name=parameter.name,
-        unit=parameter.unit,
-        low=parameter.low,
-        high=parameter.high,
-        whole=parameter.whole,
-        choices=parameter.choices,
-        density=density,
-        cells=tuple(cells),
-    )
+    return Range(**dict(Ranged.of(parameter)), density=density, cells=tuple(cells))
 
 
 def _cells_of(parameter: Parameter, mu: Floats32, cells: int) -> tuple[Integers, int]:

@@ -67,7 +67,7 @@ def estimate(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
-        is_table = density is not None and len(density) == 1 and density[0].endswith(".csv")
+        is_table = density is not None and len(density) == 1 and density[0].lower().endswith(".csv")
         densities = density[0] if density and is_table else key_values(density, "--density")
         from sada_gym.analyses.estimation.estimate import estimate as find
         from sada_gym.evaluation.executors import open_executor

@@ -43,12 +43,14 @@ class ComparedAgent(Strict):
     def sentence(self) -> str:
         """The comparison in one line."""
         low, high = self.ratio_interval
+        if self.ratio is None and not low:
+            return f"{self.agent} did not fail in the same worlds either"
         ends = f"{low:.2g} to {high:.2g}" if high else f"{low:.2g} times or more"
         times = "more often" if self.ratio is None else f"{self.ratio:.2g} times as often"
         write = percent if self.probability >= _OFTEN else odds
         rate, *each = (write(one) for one in (self.probability, *self.interval))
-        rates = f"{rate}, {' to '.join(each)}"
-        return f"fails {times} (95 %: {ends}) as {self.agent} ({rates}) in the same worlds"
+        other = f"{self.agent} ({rate}, {' to '.join(each)}) in the same worlds"
+        return f"fails {times} (95 %: {ends}) {'than' if self.ratio is None else 'as'} {other}"
 
 
 class FailureEstimate(Strict):
@@ -115,8 +117,10 @@ class FailureEstimate(Strict):
         """What the estimate rests on, in a sentence or two."""
         text = (
             f"{self.method}, {self.queries:,} queries; {self.failures:,} of {self.drawn:,} fresh "
-            f"draws failed, worth {self.effective:,.0f} failures of plain draws"
+            "draws failed"
         )
+        if self.plain < self.drawn and self.probability < _OFTEN:
+            text += f", worth {self.effective:,.0f} failures of plain draws"
         if self.held < _ALL_HELD:
             text += f"; the ranges hold {percent(self.held)} of ordinary worlds"
         return (

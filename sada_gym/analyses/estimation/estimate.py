@@ -42,9 +42,11 @@ from sada_gym.parameters import Mu
 from sada_gym.run import Run, load_run
 from sada_gym.run.folder import ELSEWHERE_FILE
 
-_FEWEST, _SHOWN = 20, 20_000
+_FEWEST, _SHOWN, _FARTHEST = 20, 20_000, 6.0
 _FIRST_SEED = 2**24  # of the validation stream, whose first seeds have other purposes
 _DRAWING_SEED = 67
+_COUNTED = "plain draws of ordinary use"
+_GUIDED = "importance sampling by a model of the scores, half of the draws plain"
 
 Use = IndependentUse | JointUse
 
@@ -171,9 +173,28 @@ def estimate_open(
             ratio=ratio,
             ratio_interval=interval,
         )
-    result = _record(each[0], use, asking.used * len(opened), shares, seed)
-    update = {"beside": compared, "per": per, "unit": unit}
-    return FailureEstimate.model_validate({**dict(result), **update})
+    counted, queries = each[0], asking.used * len(opened)
+    return FailureEstimate(
+        probability=counted.probability,
+        interval=counted.interval,
+        queries=queries,
+        method=_GUIDED if counted.learnt else _COUNTED,
+        refused=counted.refused,
+        held=use.held,
+        drawn=len(counted.z),
+        failures=int(counted.failed.sum()),
+        plain=counted.plain,
+        plain_failures=int(counted.failed[: counted.plain].sum()),
+        effective=counted.effective,
+        unseen=1.0 - 0.05 ** (1.0 / counted.plain),
+        shares=tuple(shares),
+        density=use.data,
+        seed=seed,
+        to_halve=(3 if counted.failed.any() else 1) * queries,
+        beside=compared,
+        per=per,
+        unit=unit,
+    )
 
 
 def _open_beside(
@@ -182,10 +203,10 @@ def _open_beside(
     other = _as_run(beside)
     if other is not None:
         return other.open(workers=workers)
-    if isinstance(beside, Application) or str(beside).endswith(".toml"):
-        return OpenTarget.of(
-            beside if isinstance(beside, Application) else str(beside), workers=workers
-        )
+    if isinstance(beside, Application):
+        return OpenTarget.of(beside, workers=workers)
+    if str(beside).endswith(".toml"):
+        return OpenTarget.of(str(beside), workers=workers)
     if isinstance(named, Run) and named.given.by == "id":
         return named.open_changed({}, agent=str(beside), workers=workers)
     if isinstance(named, Run | Application) or str(named).endswith(".toml"):
@@ -250,10 +271,9 @@ def _as_run(given: Any) -> Run | None:
         raise UserTypeError(
             f"Expected a run, an Application, an environment's id or a TOML file, got {given!r}."
         )
-    if isinstance(given, Application):
+    if isinstance(given, Application) or not Path(given).is_dir():
         return None
-    path = Path(given)
-    return load_run(path) if path.is_dir() else None
+    return load_run(Path(given))
 
 
 def _use(application: Application, density: Any, rng: np.random.Generator) -> Use:
@@ -289,7 +309,8 @@ def _known(run: Run, use: Use, threshold: float, zero: float) -> Asked | None:
     queries = run.queries
     if queries is None or not len(queries):
         return None
-    z, near = use.points(queries.mu)
+    z = use.points(queries.mu)
+    near = np.asarray((np.abs(z) < _FARTHEST).all(axis=1))
     queries = queries[near]
     if not len(queries):
         return None
@@ -311,29 +332,3 @@ def _shares(run: Run, opened: OpenTarget, mu: Mu, found: Found) -> Sequence[Risk
         for group in groups
     ]
     return sorted(shares, key=lambda share: -share.share)
-
-
-def _record(
-    found: Found, use: Use, queries: int, shares: Sequence[RiskShare], seed: int
-) -> FailureEstimate:
-    method = "plain draws of ordinary use"
-    if found.learnt:
-        method = "importance sampling by a model of the scores, half of the draws plain"
-    return FailureEstimate(
-        probability=found.probability,
-        interval=found.interval,
-        queries=queries,
-        method=method,
-        refused=found.refused,
-        held=use.held,
-        drawn=len(found.z),
-        failures=int(found.failed.sum()),
-        plain=found.plain,
-        plain_failures=int(found.failed[: found.plain].sum()),
-        effective=found.effective,
-        unseen=1.0 - 0.05 ** (1.0 / found.plain),
-        shares=tuple(shares),
-        density=use.data,
-        seed=seed,
-        to_halve=(3 if found.failed.any() else 1) * queries,
-    )

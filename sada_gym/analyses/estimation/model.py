@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri
-from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
 from sada_gym.foundations.arrays import Bools, Floats
+from sada_gym.foundations.determinism import single_threaded
 
 _REGRESSORS, _SUBSET = 250, 200
 _KNOTS = 25
@@ -63,7 +63,7 @@ class FailureModel:
         )
         order = np.append(near[: _REGRESSORS // 2], rng.permutation(near[_REGRESSORS // 2 :]))
         self._level = level
-        with threadpool_limits(1):
+        with single_threaded():
             trend = _trend(z)
             normal = trend.T @ trend + np.eye(trend.shape[1])
             rest = height - trend @ np.linalg.solve(normal, trend.T @ height)
@@ -96,7 +96,7 @@ class FailureModel:
     def depth(self, z: Floats) -> Floats:
         """Return how many standard deviations below the threshold scores are predicted, (n,)."""
         parts = [np.zeros(0)]
-        with threadpool_limits(1):
+        with single_threaded():
             for start in range(0, len(z), _BLOCK):
                 features, noise = self._features(z[start : start + _BLOCK])
                 sd = np.sqrt(noise + ((features @ self._unfactor) ** 2).sum(axis=1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,9 +12,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp, ndtr
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture
-from threadpoolctl import threadpool_limits
 
 from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.determinism import single_threaded
 
 SCALES = (1.0, 1.5, 2.0, 3.0)
 """Draws of ordinary use, stretched by these factors, look for failures further out."""
@@ -97,14 +97,12 @@ class Proposal:
         for _ in range(_ROUNDS):
             found = proposal.candidates(_SEARCHED, rng)
             norms = np.array([(found.ratio * ndtr(found.depth / w)).mean() for w in widths])
-            norms = np.maximum(norms, 1e-300)
-            proposal = cls(use, model, proposal.widths, proposal.shares, norms, proposal.mixture)
+            proposal = replace(proposal, norms=np.maximum(norms, 1e-300))
             weights = found.ratio * proposal.boost(found.depth)
             if not weights.sum() > 0.0:
                 return proposal
             chosen = found.z[rng.choice(len(weights), _RESAMPLED, p=weights / weights.sum())]
-            mixture = _gaussians(chosen, rng)
-            proposal = cls(use, model, proposal.widths, proposal.shares, norms, mixture)
+            proposal = replace(proposal, mixture=_gaussians(chosen, rng))
         return proposal
 
     def boost(self, depth: Floats) -> Floats:
@@ -129,7 +127,7 @@ class Proposal:
         ]
         logs = logsumexp(each, axis=0) + np.log((count - near) / count / len(SCALES))
         if self.mixture is not None:
-            with threadpool_limits(1):
+            with single_threaded():
                 logs = np.logaddexp(logs, self.mixture.score_samples(z) + np.log(near / count))
         ratio = np.exp(each[0] - logs)
         depth = np.full(count, -np.inf)
@@ -146,7 +144,7 @@ def _gaussians(z: Floats, rng: np.random.Generator) -> GaussianMixture:
         init_params="k-means++",
         random_state=int(rng.integers(2**31)),
     )
-    with threadpool_limits(1), warnings.catch_warnings():
+    with single_threaded(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         mixture.fit(z)
     # wider than what it was fitted to, so that no weight is large: points of ordinary use have

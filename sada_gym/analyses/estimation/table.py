@@ -12,7 +12,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from sada_gym.errors import UserError
 from sada_gym.foundations.arrays import Floats
-from sada_gym.foundations.files import MAX_JSON_BYTES, read_file
+from sada_gym.foundations.files import MAX_JSON_BYTES, read_file, shown
 from sada_gym.parameters import Parameter, ParameterSpace
 
 _FEWEST, _MOST = 20, 2_000
@@ -138,11 +138,14 @@ def _array(space: ParameterSpace, rows: Any) -> Floats:
 
 def _read(space: ParameterSpace, path: Path) -> Floats:
     text = read_file(path, MAX_JSON_BYTES).decode("utf-8-sig", "replace")
-    table = csv.DictReader(io.StringIO(text))
-    missing = [name for name in space.names if name not in (table.fieldnames or ())]
+    separator = max(",;\t", key=text.partition("\n")[0].count)
+    table = csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    named = table.fieldnames or ()
+    missing = [name for name in space.names if name not in named]
     if missing:
         raise UserError(
-            f"Expected the columns {', '.join(space.names)} in {path}, got none named {missing[0]}."
+            f"Expected the columns {', '.join(space.names)} in {path}, got none named {missing[0]} "
+            f"among {shown(', '.join(named)) or 'nothing'}."
         )
     return _array(
         space,
@@ -163,5 +166,5 @@ def _number(parameter: Parameter, text: str | None, path: Path, row: int) -> flo
     except ValueError:
         expected = ", ".join(parameter.choices) or "a number"
         raise UserError(
-            f"Expected {expected} as {parameter.name} in row {row} of {path}, got {text!r}."
+            f"Expected {expected} as {parameter.name} in row {row} of {path}, got {text or ''!r}."
         ) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -14,18 +14,6 @@ from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.parameters import Mu, ParameterSpace, Permits, all_can_exist
 
 _COUNTED, _LEAST = 100_000, 1e-3
-_FARTHEST = 6.0
-
-
-@runtime_checkable
-class JointDensity(Protocol):
-    """A density of all parameters' physical values, as a frozen distribution of `scipy.stats`."""
-
-    def rvs(self, size: Any, random_state: Any) -> Any:
-        """Draw so many values, (size, d)."""
-
-    def logpdf(self, x: Any) -> Any:
-        """Return the logarithm of the density at values, (n, d): (n,)."""
 
 
 class IndependentUse:
@@ -47,10 +35,9 @@ class IndependentUse:
         """Return the worlds at points, (n, d)."""
         return self._density.from_normal(z)
 
-    def points(self, mu: Mu) -> tuple[Floats, Bools]:
-        """Return points that stand for worlds, (n, d), and which of them are not too far out."""
-        z = self._density.to_normal(mu)
-        return z, np.asarray((np.abs(z) < _FARTHEST).all(axis=1))
+    def points(self, mu: Mu) -> Floats:
+        """Return points that stand for worlds, (n, d), maybe infinite ones."""
+        return self._density.to_normal(mu)
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Draw points, (count, d)."""
@@ -77,7 +64,7 @@ class JointUse:
     def __init__(
         self, space: ParameterSpace, density: Any, permits: Permits, rng: np.random.Generator
     ) -> None:
-        if not isinstance(density, JointDensity):
+        if not all(callable(getattr(density, name, None)) for name in ("rvs", "logpdf")):
             raise UserTypeError(
                 "Expected density to have rvs(size, random_state) and logpdf(x), as frozen "
                 f"distributions of scipy.stats have, got {density!r}."
@@ -103,15 +90,13 @@ class JointUse:
         normalised: Mu = np.clip(self._space.normalised(self._physical(z)), -1.0, 1.0)
         return normalised
 
-    def points(self, mu: Mu) -> tuple[Floats, Bools]:
-        """Return points that stand for worlds, (n, d), and which of them are not too far out."""
-        z = np.linalg.solve(self._root, (self._space.physical(mu) - self._mean).T).T
-        return z, np.asarray((np.abs(z) < _FARTHEST).all(axis=1))
+    def points(self, mu: Mu) -> Floats:
+        """Return points that stand for worlds, (n, d)."""
+        return self._whitened(self._space.physical(mu))
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Draw points, (count, d)."""
-        values = _permitted(lambda n: self._values(n, rng), count, self._inside)
-        return np.asarray(np.linalg.solve(self._root, (values - self._mean).T).T)
+        return self._whitened(_permitted(lambda n: self._values(n, rng), count, self._inside))
 
     def log_density(self, z: Floats) -> Floats:
         """Return the logarithm of the density at points, (n, d): (n,), maybe -inf."""
@@ -125,6 +110,9 @@ class JointUse:
 
     def _physical(self, z: Floats) -> Floats:
         return np.asarray(self._mean + z @ self._root.T)
+
+    def _whitened(self, values: Floats) -> Floats:
+        return np.asarray(np.linalg.solve(self._root, (values - self._mean).T).T)
 
     def _values(self, count: int, rng: np.random.Generator) -> Floats:
         drawn = np.asarray(self._density.rvs(size=count, random_state=rng), np.float64)

@@ -175,7 +175,18 @@ def test_an_agent_that_never_failed_gives_a_ratio_without_a_bound():
     low, high = found.beside.ratio_interval
     assert (found.beside.ratio, high) == (None, None)
     assert low > 1.0
-    assert "times or more" in found.beside.sentence
+    assert "times or more) than" in found.beside.sentence
+
+
+def test_agents_that_both_never_failed_are_not_compared():
+    found = estimate(Slope(99.0), beside=Slope(99.0), budget=20, density=DENSITIES)
+    assert found.beside.sentence.endswith(" did not fail in the same worlds either")
+
+
+def test_what_draws_are_worth_is_told_of_rare_failures_alone():
+    assert "80 of 1,100 fresh draws failed, worth 60 failures of plain" in record().basis
+    assert "worth" not in record(probability=0.95).basis
+    assert "worth" not in record(plain=1_100).basis
 
 
 @pytest.mark.parametrize(
@@ -184,6 +195,8 @@ def test_an_agent_that_never_failed_gives_a_ratio_without_a_bound():
         ({}, "Expected a density of ordinary use, got none: Toy does not say"),
         ({"density": {"angle9": NORMAL}}, "Expected densities of angle0_deg, .* got one of"),
         ({"density": 3}, "Expected density to have rvs"),
+        ({"density": {"angle0_deg": 3}}, "Expected a density as .* got 3"),
+        ({"density": {"angle0_deg": {}}}, "Expected a density as .* got {}"),
         ({"density": multivariate_normal([0.0], [[1.0]])}, "finite draws of 3 parameters"),
         ({"density": multivariate_normal([1e3] * 3)}, "a thousandth at least of the density"),
         ({"budget": 5}, "budget"),

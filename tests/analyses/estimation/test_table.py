@@ -89,7 +89,10 @@ def test_bad_tables_get_a_sentence(rows, message):
     ("text", "message"),
     [
         ("wind,road\n1,dry\n", "got none named size"),
-        ("", "got none named wind"),
+        ("", "got none named wind among nothing"),
+        ("Wind,Road,Size\n", "got none named wind among Wind, Road, Size"),
+        ("wind,road,size\n1,dry\n", "a number as size in row 1 of .*, got ''"),
+        ("wind;road;size\n0,5;dry;1\n", "a number as wind in row 1 of .*, got '0,5'"),
         ("wind,road,size\n" + "1,dry,1\n" * 30 + "1,mud,1\n", "dry, wet, ice as road in row 31"),
         ("wind,road,size\n" + ",dry,1\n" * 30, "a number as wind in row 1"),
         ("wind,road,size\n", "got 0 of 0"),
@@ -99,6 +102,13 @@ def test_bad_files_get_a_sentence(text, message, tmp_path):
     (tmp_path / "log.csv").write_text(text)
     with pytest.raises(UserError, match=message):
         TableDensity(SPACE, tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", ", "])
+def test_files_of_other_programs_are_read(separator, tmp_path):
+    lines = [separator.join(["wind", "road", "size"]), *[separator.join(["1.5", "wet", "2"])] * 20]
+    (tmp_path / "log.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode())
+    assert TableDensity(SPACE, tmp_path / "log.csv").rows.tolist() == [[1.5, 1.5, 2.0]] * 20
 
 
 @pytest.mark.long
