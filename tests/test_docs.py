@@ -59,7 +59,7 @@ SMALLER = (
         r"num_envs=4))\1\2.learn(128)",
     ),
     (r"\bTRAINING_STEPS = [\d_]+", "TRAINING_STEPS = 64"),
-    (r"\bBUDGET = [12]_000\b", "BUDGET = 40"),
+    (r"\bBUDGET = (500|[12]_000)\b", "BUDGET = 40"),
     (
         r"(\"level-set\", budget=BUDGET)\b",
         r"\1, samples=8, pictures=False, options={'rounds': 1, 'models': ['trees']}",
@@ -85,7 +85,7 @@ SMALLER = (
 everywhere = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
-def run(*command: str | Path, folder: Path) -> str:
+def run(*command: str | Path, folder: Path, timeout: float = 300) -> str:
     """Run Python as a reader would, with one thread a process."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, PATHS))}
     environment |= {"OMP_NUM_THREADS": "1"}
@@ -95,7 +95,7 @@ def run(*command: str | Path, folder: Path) -> str:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=timeout,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
@@ -211,6 +211,21 @@ def test_examples_run(example: Path, tmp_path: Path) -> None:
         script = tmp_path / example.name
         script.write_text(smaller(text), encoding="utf-8")
         assert "fool" in run_script(script, *PATHS) or "before" in text
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1_800)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_whole_way_fixes_an_agent(seed: int, tmp_path: Path) -> None:
+    """As `docs/repair.md` says: most known failures are fixed, and hardly anything breaks."""
+    printed = run(ROOT / "examples/fix_cartpole.py", str(seed), folder=tmp_path, timeout=1_700)
+    shares = re.findall(r"(\d+)% of 300 uniform worlds fool the agent", printed)
+    before, after = map(int, shares)
+    assert after * 2 < before
+    ((fixed, known),) = re.findall(r"(\d+) of (\d+) known failures are fixed", printed)
+    assert int(fixed) * 2 > int(known)
+    assert re.search(r"[0-2] of \d+ worlds broke: passed", printed)
+    assert (tmp_path / f"runs/fix-cartpole/{seed}/before-after.png").is_file()
 
 
 @pytest.mark.long

@@ -49,6 +49,8 @@ def main(names: list[str]) -> None:
             for output in cell.get("outputs", ()):
                 if "text" in output:
                     output["text"] = plain(output["text"])
+            if "outputs" in cell:  # a bar alone leaves nothing
+                cell.outputs = [one for one in cell.outputs if one.get("text", "-").strip()]
         nbformat.write(notebook, path)
         print(path.name)
 
