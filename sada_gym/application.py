@@ -310,7 +310,7 @@ class Application(ABC):
         return (
             f"Expected a fingerprint of {self.name}'s agent to store evaluations under, got none. "
             "Pass agent_id='a name you change with the agent' and with any function of your own, "
-            "give a renderer of your own an `identity`, or use no store."
+            "give your own renderer an `identity`, or use no store."
         )
 
     def _scored(self, mu: Mu, seeds: list[int]) -> tuple[Floats, Sequence[Mapping[str, Any]]]:

@@ -65,10 +65,10 @@ _CLASSES = {
 _TRAINING_ONLY = {"optimizer_class", "optimizer_kwargs", "device"}
 _PICKLE_HINT = (
     "Load it yourself and pass the model, such as agent=PPO.load(file), or let "
-    "allow_pickle=True unpickle a file of your own."
+    "allow_pickle=True unpickle your own file."
 )
 _BAD_ARGUMENTS = (TypeError, ValueError, RuntimeError, AssertionError, LookupError, AttributeError)
-_MEND = "Name a file that model.save(file) wrote."
+_FIX = "Name a file that model.save(file) wrote."
 
 
 def load_sb3(
@@ -174,7 +174,7 @@ def _read_data(path: Path, content: bytes) -> dict[str, Any]:
     """Read the JSON of an SB3 file, in which pickles are strings that stay strings."""
     text = _member(path, content, "data")
     expected = f"Expected a JSON object with a policy_class as data in {path}"
-    with explained(expected, _MEND, FileError):
+    with explained(expected, _FIX, FileError):
         data: dict[str, Any] = json.loads(text)
         if not isinstance(data, dict) or "policy_class" not in data:
             raise ValueError("something else")
@@ -200,14 +200,14 @@ def _member(path: Path, content: bytes, name: str) -> bytes:
     """Read one part of a zip file, unless it claims to be too large."""
     expected = f"Expected a zip file that SB3 wrote in {path}"
     with (
-        explained(f"{expected}, not damaged", _MEND, FileError),
+        explained(f"{expected}, not damaged", _FIX, FileError),
         zipfile.ZipFile(io.BytesIO(content)) as archive,
     ):
         parts = {part.filename: part.file_size for part in archive.infolist()}
         for wanted in ("data", name):
             if wanted not in parts:
                 listed = ", ".join([*parts][:5]) or "an empty one"
-                raise FileError(f"{expected}, with {wanted} in it, got {listed}. {_MEND}")
+                raise FileError(f"{expected}, with {wanted} in it, got {listed}. {_FIX}")
         if parts[name] > MAX_MODEL_BYTES:
             raise FileError(
                 f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "

@@ -31,7 +31,7 @@ class WeightsFile:
         """Return an error that says what was expected, what came, and how to fix it."""
         return FileError(
             f"Expected {self.content} in {self.path}{got}. Write such a file in the repository by "
-            f"python -m {self.trained_by}, or, for a {self.kind} of your own, pass the model as "
+            f"python -m {self.trained_by}, or, for your own {self.kind}, pass the model as "
             "agent=model."
         )
 

@@ -185,7 +185,7 @@ def _unknown_wrapper(name: str) -> UserError:
     return UserError(
         "Expected an agent trained under VecTransposeImage, VecFrameStack, VecNormalize "
         f"or none, got the wrapper {name}, whose work can't be repeated "
-        "here. Pass an object of your own with `predict` that does it."
+        "here. Pass your own object with `predict` that does it."
     )
 
 

@@ -406,7 +406,7 @@ def _open(
     if keywords or agent not in (None, run.target.agent):
         raise UserError(
             f"Expected a run of an id, whose keywords can change, got that of {run.folder} in an "
-            "application of yours. Describe the other world in a file of its own, and name that "
+            "application of yours. Describe the other world in another file, and name that "
             "by `sada-gym transfer --to FILE.toml`."
         )
     return run.open(application, workers=workers)

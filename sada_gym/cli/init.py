@@ -71,7 +71,7 @@ def init(
             raise UserError(f"Expected an environment's ID or --images FOLDER, got {got}.")
         if env_id in env_ids():
             raise UserError(
-                f"Expected an environment of your own, got {env_id}, which is ready to attack: "
+                f"Expected your own environment, got {env_id}, which is ready to attack: "
                 f"sada-gym attack {env_id}"
             )
         name = env_id or f"{images and images.resolve().name}"

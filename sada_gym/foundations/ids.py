@@ -59,6 +59,6 @@ def find_spec(env_id: str) -> EnvSpec:
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
         raise UserError(
             f"Expected a registered environment id, got {name!r}.{hint} `sada-gym envs` lists the "
-            "ids; write module:ID for one that a module of yours registers."
+            "ids; write module:ID for one that your own module registers."
         )
     return gym.registry[name]

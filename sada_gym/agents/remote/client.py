@@ -32,7 +32,7 @@ class RemotePeer(Peer):
     """An agent of any kind in a separate process, which says at first who it is."""
 
     role, lost, answers = "agent", AgentLost, ANSWERS
-    start_it = "Start the agent's server, sada_gym.serve(agent) or a program of your own"
+    start_it = "Start the agent's server, sada_gym.serve(agent) or your own program"
 
     def _first(self) -> Welcome:
         """Connect, and return what the server says; raise `UserError` if nobody is there."""

@@ -86,7 +86,7 @@ class Expression:
             if bad or (sign and type(part) not in _OPERATORS) or not _is_plain(part):
                 raise UserError(
                     f"Expected arithmetic and comparisons in {self.role}={self.text!r}, got "
-                    f"{type(part).__name__}. Pass a function of your own in Python instead."
+                    f"{type(part).__name__}. Pass your own function in Python instead."
                 )
         self._check_kind()
 

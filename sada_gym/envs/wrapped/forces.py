@@ -271,7 +271,7 @@ class _Body:
             raise UserError(
                 f"Expected a body of MuJoCo, PyBullet or Box2D{where}, found none"
                 f"{'' if name is None else f' at {name!r}'}. Name an attribute that holds a Box2D "
-                "body, or let a function of yours act: Force(low, high, apply=...)."
+                "body, or let your own function act: Force(low, high, apply=...)."
             )
         return cls(2, _push_in_box2d(body))
 

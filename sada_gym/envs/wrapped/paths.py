@@ -166,7 +166,7 @@ def _current(env: Any, path: str, *, must_exist: bool) -> Any:
     if current is MISSING and must_exist:
         raise UserError(
             f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
-            "by a function of your own, Function(low, high, set=...)."
+            "by your own function, Function(low, high, set=...)."
         )
     return current
 

@@ -83,7 +83,7 @@ def test_a_store_tells_a_renderers_settings_apart(tmp_path):
 def test_a_renderer_without_an_identity_is_refused_for_stores():
     application = DetectionApplication("car", renderer=Grey())
     assert application.fingerprint is None
-    with pytest.raises(ValueError, match=r"renderer of your own an `identity`"):
+    with pytest.raises(ValueError, match=r"your own renderer an `identity`"):
         ApplicationKey.of(application)
     application.evaluate(MU, range(5))
 
