@@ -110,7 +110,7 @@
   runs.forEach((run, r) => {
     run.weaknesses.forEach((words, w) => option(controls.weakness, `${r} ${w + 1}`, `${run.letter}${w + 1}: ${words}`));
   });
-  if (runs.some((run) => run.weaknesses.length)) option(controls.weakness, "none", "in no weakness");
+  if (runs.some((run) => run.weaknesses.length)) option(controls.weakness, "none", "outside all weaknesses");
   find(".weakness").hidden = controls.weakness.length < 2;
   find("label.invalid").hidden = !runs.some((run) => run.verdict.includes(BROKEN));
   find("label.queries").hidden = !runs.some((run) => run.samples < run.count);
