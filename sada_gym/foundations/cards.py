@@ -235,6 +235,8 @@ class ApplicationCard:
 
     def short(self, track: str) -> str:
         """Return what tells a track from the others."""
+        if track == self.id:
+            return self.title
         return track.removeprefix(f"{self.name}-").rsplit("-v", 1)[0]
 
 

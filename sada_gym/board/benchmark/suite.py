@@ -192,7 +192,7 @@ def is_default(application: str, agent: str) -> bool:
 def _suite_of(card: ApplicationCard, suite: SuiteCard) -> BenchmarkSuite:
     return BenchmarkSuite(
         name=suite.name,
-        tracks=tuple(map(card.track_id, suite.tracks)) or card.track_ids,
+        tracks=tuple(map(card.track_id, suite.tracks)) or card.board_tracks,
         tables=tuple(_TABLES[name] for name in suite.tables),
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},

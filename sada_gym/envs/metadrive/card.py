@@ -1,6 +1,6 @@
 """The card of MetaDrive."""
 
-from sada_gym.foundations.cards import ApplicationCard, PackagedAgent
+from sada_gym.foundations.cards import ApplicationCard, PackagedAgent, small_suite
 
 _PACKAGE, _VERSION, _LICENCE = "metadrive-simulator", "0.4.3", "Apache-2.0"
 
@@ -52,4 +52,5 @@ CARD = ApplicationCard(
     packages=(_PACKAGE, "torch", "stable-baselines3", "numba"),
     reference_points=1_500,
     reference_seeds=2,
+    suite=small_suite("metadrive"),
 )
