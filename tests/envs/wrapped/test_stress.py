@@ -12,7 +12,15 @@ from scipy.optimize import minimize
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from wrapped_toys import balance, cart_pole, pendulum
 
-from sada_gym import GymnasiumApplication, StressEnv, export, record, regress
+from sada_gym import (
+    GymnasiumApplication,
+    StressEnv,
+    export,
+    record,
+    regress,
+    replay,
+    report,
+)
 from sada_gym.envs.wrapped import (
     ActionDelay,
     ActionGain,
@@ -214,10 +222,17 @@ def test_failures_are_a_run_like_any_other(tmp_path):
     for seed in range(3):
         played(env, seed, lambda step: np.array([0.8 - 0.1 * (step % 3), -0.5], np.float32))
     application = env.application
-    run = record(application, env.failures, tmp_path / "run", pictures=False)
+    run = record(application, env.failures, tmp_path / "run")
     assert run.result.afr == 1.0
     assert len(run.failures.failures) == 3
     assert (tmp_path / "run" / "worlds.csv").is_file()
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "stress testing" in page
+    assert "wind[0]" in page
+    replay(run, out=tmp_path / "film.gif", application=application)  # raises for another score
+    assert (tmp_path / "film.gif").stat().st_size > 1_000
+    written = report(run, out=tmp_path / "again.html", application=application)
+    assert written.read_text() == page
     export(run, tmp_path / "suite", confirm=0, application=application)
     result = regress(tmp_path / "suite", application)
     assert {world.now for world in result.worlds} >= {"fail"}

@@ -1,0 +1,279 @@
+"""Adversaries in 10, 20 and 40 dimensions: queries to a coverage of 90 %, time and memory.
+
+    python -m studies.many_dimensions run                    # goes on where it stopped
+    python -m studies.many_dimensions table
+
+Each run is a line in `docs/results/many-dimensions/PROBLEM.jsonl`: AFR of 250 samples and their
+coverage over that of as many ideal samples, F1 of both as on the leaderboard, seconds without those
+of the worlds, and by how many MiB the process grew.
+
+Of `corner-D` a corner of three parameters fails and the others do nothing; of `sum-D` the sum of
+all; of `gust-D` the greatest mean of a fifth of neighbouring parameters, as of a curve. A tenth to
+a fifth of uniform worlds fails. `cart-pole-D` is a pole in a wind with D knots over 100 steps;
+`quadrotor-20`, `robot-20` and `go2-20` are the agents of `studies.stress`, disturbed by two curves
+of ten knots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sada_gym import GymnasiumApplication, adversaries
+from sada_gym.board.results.figures import f1
+from sada_gym.envs.wrapped import Attribute
+from sada_gym.errors import AdversaryError
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.foundations.arrays import Floats
+from sada_gym.measures.coverage import fooling_coverage
+from sada_gym.parameters import Mu
+from studies import stress
+
+BUDGETS, SAMPLES, DENSE = (250, 500, 1_000, 2_000), 250, 4_000
+FOLDER = Path("docs/results/many-dimensions")
+ADVERSARIES = (
+    "level-set",
+    "trees",
+    "gp",
+    "svm",
+    "gmm50",
+    "bbgan",
+    "bbgan-boost",
+    "smc",
+    "cross-entropy",
+    "cma-mae",
+    "random",
+)
+FEWER = ("level-set", "trees", "gp", "random")
+"""Those that are tried where worlds are slow, with 500 and 1,000 queries."""
+
+Score = Callable[[Mu], Floats]
+
+
+def corner(mu: Mu) -> Floats:
+    """Return how far the worst of three parameters is below 0.05, which fails: (1.05/2)^3."""
+    return np.clip(0.5 - 0.5 * (mu[:, :3] + 0.05).min(axis=1), 0.0, 1.0)
+
+
+def total(mu: Mu) -> Floats:
+    z = mu.sum(axis=1) / np.sqrt(mu.shape[1] / 3.0)
+    return np.clip(0.5 - 0.25 * (z - 1.15), 0.0, 1.0)
+
+
+def gust(mu: Mu) -> Floats:
+    width = mu.shape[1] // 5
+    window = np.lib.stride_tricks.sliding_window_view(mu, width, axis=1).mean(axis=2)
+    limit = {2: 0.82, 4: 0.68, 8: 0.52}[width]
+    return np.clip(0.5 - 0.5 * (window.max(axis=1) - limit), 0.0, 1.0)
+
+
+def cart_pole(knots: int) -> GymnasiumApplication:
+    strongest = {10: 0.125, 20: 0.16, 40: 0.21}[knots]
+    return GymnasiumApplication(
+        stress._cart_pole,
+        agent=lambda seen: int(seen[2] + 0.5 * seen[3] + 0.02 * seen[0] + 0.1 * seen[1] > 0),
+        parameters={"wind": Attribute(-strongest, strongest, knots=knots, over=100)},
+        score=lambda episode: max(
+            1.0 - np.abs(np.array(episode.observations)[:, 2]).max() / 0.2095, 0.0
+        ),
+        fooling_threshold=0.0,
+        max_steps=100,
+        agent_id="by hand",
+    )
+
+
+def shipped(name: str) -> GymnasiumApplication:
+    """Return an agent of `studies.stress` that two curves of ten knots disturb."""
+    application = stress.SYSTEMS[name]()
+    spread = {"quadrotor": 0.5, "robot": 0.3, "go2": 0.12}[name]
+    steps = int(application.step_limit or 0)
+    curve = Attribute(-spread, spread, knots=10, over=steps)
+    factory = application.episode_spec.factory
+    return GymnasiumApplication(
+        factory.function if hasattr(factory, "function") else factory,
+        agent="built-in",
+        parameters={"push_0": curve, "push_1": curve},
+        score=lambda episode: episode.rewards[-1],
+        fooling_threshold=application.fooling_threshold,
+        max_steps=steps,
+        agent_id=name,
+    )
+
+
+class Problem:
+    """A problem, and a dense sample of it.
+
+    Attributes:
+        score: Q of mu, (n, d).
+        fooling_set: Half of the dense sample's points that fool, (m, d); `ideal` is the other half.
+    """
+
+    def __init__(self, name: str) -> None:
+        kind, _, number = name.rpartition("-")
+        self.name, self.dimension, self.is_slow = name, int(number), kind in stress.SYSTEMS
+        functions = {"corner": corner, "sum": total, "gust": gust}
+        if kind in functions:
+            self.score: Score = functions[kind]
+            self.threshold, dense = 0.5, 10 * DENSE
+        else:
+            is_cart_pole = kind == "cart-pole"
+            application = cart_pole(self.dimension) if is_cart_pole else shipped(kind)
+            self.is_slow = not is_cart_pole
+            self.threshold = application.fooling_threshold
+            self.score = lambda mu: application.evaluate(mu, [0] * len(mu)).score
+            dense = DENSE if is_cart_pole else 1_000
+        rng = np.random.default_rng(2020)
+        mu = rng.uniform(-1.0, 1.0, (dense, self.dimension)).astype(np.float32)
+        kept = FOLDER / f"{name}.npz"
+        if self.is_slow and kept.exists():
+            fooled = np.load(kept)["fooled"]
+        else:
+            parts = np.array_split(mu, max(dense // 250, 1))
+            fooled = np.concatenate([self.score(part) for part in parts]) <= self.threshold
+            if self.is_slow:
+                np.savez_compressed(kept, fooled=fooled)
+        self.rate = float(fooled.mean())
+        inside = mu[fooled][:2_000]
+        self.fooling_set, self.ideal = inside[::2], inside[1::2]
+
+    def run(self, adversary: str, budget: int, seed: int) -> dict[str, Any]:
+        """Train an adversary and measure it; `error` alone where it cannot be trained."""
+        row: dict[str, Any] = {"adversary": adversary, "budget": budget, "seed": seed}
+        in_worlds = [0.0]
+
+        def timed(mu: Mu) -> Floats:
+            start = time.process_time()
+            scores = self.score(mu)
+            in_worlds[0] += time.process_time() - start
+            return scores
+
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        start = time.process_time()
+        solver = adversaries.make(adversary, dimension=self.dimension, seed=seed)
+        given = {"dimension": self.dimension, "threshold": self.threshold, "seed": seed}
+        try:
+            with Oracle(timed, budget=budget, **given) as oracle:
+                solver.train(oracle)
+            mu = solver.sample(SAMPLES)
+        except AdversaryError as error:
+            return row | {"error": str(error)}
+        spent = time.process_time() - start - in_worlds[0]
+        grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1_024
+        fooled = self.score(mu) <= self.threshold
+        covered = fooling_coverage(mu, fooled, self.fooling_set, seed=seed).coverage
+        rng = np.random.default_rng([seed, 7])
+        ideal = self.ideal[
+            rng.choice(len(self.ideal), min(SAMPLES, len(self.ideal)), replace=False)
+        ]
+        whole = fooling_coverage(
+            ideal, np.ones(len(ideal), np.bool_), self.fooling_set, seed=seed
+        ).coverage
+        relative = min(covered / whole, 1.0)
+        afr = float(fooled.mean())
+        return row | {
+            "afr": afr,
+            "coverage": relative,
+            "f1": float(f1(afr, relative)),
+            "seconds": round(spent, 1),
+            "mib": round(grown),
+        }
+
+
+ANALYTIC = tuple(f"{kind}-{d}" for d in (10, 20, 40) for kind in ("corner", "sum", "gust"))
+PROBLEMS = (
+    *ANALYTIC,
+    *(f"cart-pole-{d}" for d in (10, 20, 40)),
+    "quadrotor-20",
+    "robot-20",
+    "go2-20",
+)
+
+
+def read(problem: str) -> list[dict[str, Any]]:
+    path = FOLDER / f"{problem}.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        queue.put(problem.run(*job))
+
+
+def measure(name: str, seeds: list[int]) -> None:
+    """Run what is missing, each in a process of its own, and write each run as it comes."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    problem = Problem(name)
+    print(f"{name}: {problem.rate:.3f} of uniform worlds fail, {len(problem.fooling_set)} points")
+    done = {(row["adversary"], row["budget"], row["seed"]) for row in read(name)}
+    context = multiprocessing.get_context("fork")
+    for seed in seeds:
+        for adversary in FEWER if problem.is_slow else ADVERSARIES:
+            for budget in BUDGETS[1:3] if problem.is_slow else BUDGETS:
+                if (job := (adversary, budget, seed)) in done:
+                    continue
+                queue = context.Queue()
+                process = context.Process(target=_in_process, args=(problem, job, queue))
+                process.start()
+                row = queue.get(timeout=3_600)
+                process.join()
+                with (FOLDER / f"{name}.jsonl").open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                print(name, row, flush=True)
+
+
+def table() -> str:
+    lines = [
+        "| problem | adversary | queries to 90 % | AFR | coverage | F1 | seconds | MiB |",
+        "| --- " * 8 + "|",
+    ]
+    for problem in PROBLEMS:
+        rows = read(problem)
+        for adversary in ADVERSARIES:
+            own = [row for row in rows if row["adversary"] == adversary and "f1" in row]
+            if not own:
+                continue
+            most = max(row["budget"] for row in own)
+            last = [row for row in own if row["budget"] == most]
+            mean = {
+                key: float(np.mean([row[key] for row in last]))
+                for key in ("afr", "coverage", "f1", "seconds", "mib")
+            }
+            reached = [
+                budget
+                for budget in BUDGETS
+                if np.mean([row["coverage"] for row in own if row["budget"] == budget] or [0])
+                >= 0.9
+            ]
+            lines.append(
+                f"| {problem} | `{adversary}` | {reached[0] if reached else ''} | "
+                f"{100 * mean['afr']:.0f} % | {100 * mean['coverage']:.0f} % | {mean['f1']:.2f} | "
+                f"{mean['seconds']:.0f} | {mean['mib']:.0f} |"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("action", choices=("run", "table"))
+    parser.add_argument("problems", nargs="*", default=PROBLEMS)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    given = parser.parse_args()
+    if given.action == "table":
+        print(table())
+        return
+    for problem in given.problems:
+        measure(problem, given.seeds)
+
+
+if __name__ == "__main__":
+    main()
