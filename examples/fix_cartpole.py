@@ -8,6 +8,7 @@ runs/fix-cartpole/SEED gets both attacks, the suite, fixed.zip and before-after.
 
 import shutil
 import sys
+import textwrap
 from math import sqrt
 from pathlib import Path
 
@@ -106,7 +107,7 @@ def main(seed: int) -> None:
 
     print("FIND")
     run = find(agent, folder / "before", seed)
-    print(f"\nUNDERSTAND\n{run.diagnosis.sentence}")
+    print("\nUNDERSTAND", textwrap.fill(run.diagnosis.sentence, 80), sep="\n")
     fixed = fix(agent, run, seed + 1)
     fixed.save(folder / "fixed.zip")
     suite = export(run, folder / "suite", application=make_application(agent))
