@@ -64,7 +64,7 @@ def attack(
     workers: int | None = workers_option(None, f"the cores, at most {_MAX_WORKERS}"),
     executor: str = executor_option(),
     out_folder: Path | None = option(
-        None, "The folder for the results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
+        None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
     ),
     diagnose: bool = option(
         True,

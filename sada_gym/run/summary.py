@@ -127,7 +127,7 @@ def _rates(report: RunReport, failures: Failures | None) -> Iterator[str]:
         often = percent(nominal.fooled / nominal.evaluations)
         yield f"{often} as it is (nominal, {nominal.evaluations} episode{plural})"
     if uniform is None:
-        yield "unknown for all worlds in the ranges: measure it by --adversary random"
+        yield "unknown for all worlds in the ranges: --adversary random"
     else:
         text = rate_text(uniform, f"{uniform.samples:,} worlds")
         yield text.replace(" (", " of all worlds in the ranges (")

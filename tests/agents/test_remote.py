@@ -270,7 +270,7 @@ def test_a_server_that_fails_gets_a_sentence(fault, tmp_path):
         pytest.raises(AgentLost, match=message) as caught,
     ):
         application.evaluate([[0.0, 0.0]], [0])
-    assert "--resume then goes on" in str(caught.value)
+    assert "continue the run with --resume" in str(caught.value)
 
 
 @pytest.mark.long

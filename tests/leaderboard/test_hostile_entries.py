@@ -365,8 +365,14 @@ HOSTILE = {
     ),
     # the claims
     "JSON without end": (deep, "Expected plain JSON in .*, got one nested too deeply"),
-    "a NaN": (claims_text('"mean_score": 0', '"mean_score": NaN, "x": 0'), "NaN, which is no fin"),
-    "an infinity": (claims_text('"width": 0.5', '"width": 1e999'), "1e999, which is no finite nu"),
+    "a NaN": (
+        claims_text('"mean_score": 0', '"mean_score": NaN, "x": 0'),
+        "NaN, which is not a fin",
+    ),
+    "an infinity": (
+        claims_text('"width": 0.5', '"width": 1e999'),
+        "1e999, which is not a finite nu",
+    ),
     "a number of 5,000 digits": (claims_text('"width": 0.5', f'"width": {"9" * 5_000}'), "64 bits"),
     "a key of JSON twice": (
         claims_text('"format": 2', '"format": 2, "format": 2'),

@@ -95,5 +95,5 @@ class Peer:
         """Close the connection, and raise that the process is lost."""
         raise self.lost(
             f"Expected answers from the {self.role} in {self.place}, got "
-            f"{got}{printed(self._ended())}. Fix or restart it, and continue the run by --resume."
+            f"{got}{printed(self._ended())}. Fix or restart it, and continue the run with --resume."
         )

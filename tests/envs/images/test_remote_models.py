@@ -111,7 +111,9 @@ def test_who_serves_is_the_models_identity():
 def test_what_cannot_begin_gets_a_sentence():
     with pytest.raises(UserError, match="got an error: Expected task='classify' or task='detect'"):
         ImageApplication([square(20, 20)], agent=serve(find_square))
-    with pytest.raises(UserError, match=r"Expected an agent in tcp://127.0.0.1:1, but nobody"):
+    with pytest.raises(
+        UserError, match=r"Expected an agent in tcp://127.0.0.1:1, but nothing answers"
+    ):
         detect("tcp://127.0.0.1:1")
     with pytest.raises(UserError, match="device= as a name for tcp://"):
         detect("tcp://127.0.0.1:1", device=3)
@@ -188,7 +190,9 @@ def test_a_classifier_that_answers_nonsense_gets_a_sentence(scores):
         def found(self, _):
             return SimpleNamespace(probabilities=scores)
 
-    with pytest.raises(AgentLost, match=r"numbers from the classifier.*--resume then goes on"):
+    with pytest.raises(
+        AgentLost, match=r"numbers from the classifier.*continue the run with --resume"
+    ):
         classify(serve(Unchecked()))
 
 

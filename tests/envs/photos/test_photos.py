@@ -30,7 +30,7 @@ def test_the_class_tells_what_it_is_without_its_parts():
 @pytest.mark.skipif(bool(NEEDED), reason=NEEDED)
 def test_the_track_takes_the_models_that_images_take(tmp_path):
     for agent, told in (
-        ("tcp://127.0.0.1:1", "an agent in tcp://127.0.0.1:1, but nobody is there"),
+        ("tcp://127.0.0.1:1", "an agent in tcp://127.0.0.1:1, but nothing answers there"),
         (str(tmp_path / "model.onnx"), "model.onnx, but there is no such file"),
         ("no model", "an agent among coco-centernet, .*got 'no model'"),
     ):

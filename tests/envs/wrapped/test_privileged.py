@@ -74,7 +74,7 @@ def test_the_summary_tells_failures_in_which_both_fail(tmp_path: Path) -> None:
     assert 0 < both < found.result.fooled
     told = " ".join(repr(found).split())
     assert f"in {both} of {found.result.fooled} failures the privileged agent fails too" in told
-    assert "not known: the privileged agent fails in all" in repr(result("b", clumsy))
+    assert "unknown: the privileged agent fails in the worlds of all" in repr(result("b", clumsy))
 
 
 def test_worlds_that_cannot_be_computed_are_no_feasible_ones() -> None:

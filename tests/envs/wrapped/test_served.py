@@ -345,7 +345,7 @@ def test_queries_go_on_after_the_server_has_died(tmp_path):
             first = oracle(mu[:4])
             (child,) = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()
             os.kill(int(child), signal.SIGKILL)
-            with closing(oracle), pytest.raises(ServerLost, match="--resume then goes on"):
+            with closing(oracle), pytest.raises(ServerLost, match="continue the run with --resume"):
                 oracle(mu[4:])
         with closing(Oracle(application, budget=12, seed=0, store=store)) as resumed:
             again = resumed(mu)

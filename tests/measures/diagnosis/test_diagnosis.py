@@ -280,7 +280,7 @@ def test_fresh_worlds_refuse_what_they_contradict():
         fresh=100,
     )
     assert refused.weaknesses == ()
-    assert "Fresh worlds refused" in refused.sentence
+    assert "Fresh worlds did not confirm" in refused.sentence
 
 
 @pytest.mark.parametrize(("failures", "words"), [(0, "No world fooled"), (4, "Only 4 worlds")])
