@@ -258,7 +258,7 @@ def test_the_summary_names_the_interval_and_the_uniform_rate(tmp_path):
     assert re.search(even.format(10), result.stdout)
     assert "that random makes" not in result.stdout
     result = attack(tmp_path / "greedy")
-    assert "unknown for all worlds in the ranges: measure it by --adversary random" in result.stdout
+    assert "unknown for all worlds in the ranges: --adversary random" in result.stdout
     result = attack(tmp_path / "level-set", "-a", "level-set")
     rate = re.search(even.format(24), result.stdout)
     report = json.loads((tmp_path / "level-set" / "result.json").read_text())
