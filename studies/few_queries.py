@@ -13,7 +13,6 @@ a weakness fail no more often than those outside.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Sequence
@@ -35,6 +34,7 @@ from sada_gym.measures.diagnosis.core import diagnose_worlds
 from sada_gym.measures.diagnosis.rules import holds
 from sada_gym.measures.reference import Reference, load_reference
 from sada_gym.parameters import Mu
+from studies.kept_rows import add_row, read_rows
 
 CHOOSE = (
     "SADA-Detection-Car-v0",
@@ -159,13 +159,11 @@ class Track:
 
 
 def read(track: str) -> list[dict[str, Any]]:
-    path = FOLDER / f"{track}.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    return read_rows(FOLDER / f"{track}.jsonl")
 
 
 def measure(track: str, names: Sequence[str], budgets: Sequence[int], seeds: Sequence[int]) -> None:
     """Run what is missing of a track, and write each run as it comes."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
     done = {(row["adversary"], row["budget"], row["seed"]) for row in read(track)}
     opened = Track(track)
     for seed in seeds:
@@ -176,9 +174,7 @@ def measure(track: str, names: Sequence[str], budgets: Sequence[int], seeds: Seq
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     row = opened.run(name, budget, seed)
-                with (FOLDER / f"{track}.jsonl").open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-                print(track, row, flush=True)
+                add_row(FOLDER / f"{track}.jsonl", row)
 
 
 def tables() -> str:

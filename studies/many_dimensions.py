@@ -17,7 +17,6 @@ of ten knots.
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import resource
 import time
@@ -37,6 +36,7 @@ from sada_gym.foundations.arrays import Floats
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.parameters import Mu
 from studies import stress
+from studies.kept_rows import add_row, read_rows
 
 BUDGETS, SAMPLES, DENSE = (250, 500, 1_000, 2_000), 250, 4_000
 FOLDER = Path("docs/results/many-dimensions")
@@ -78,35 +78,13 @@ def gust(mu: Mu) -> Floats:
 
 def cart_pole(knots: int) -> GymnasiumApplication:
     strongest = {10: 0.125, 20: 0.16, 40: 0.21}[knots]
-    return GymnasiumApplication(
-        stress._cart_pole,
-        agent=lambda seen: int(seen[2] + 0.5 * seen[3] + 0.02 * seen[0] + 0.1 * seen[1] > 0),
-        parameters={"wind": Attribute(-strongest, strongest, knots=knots, over=100)},
-        score=lambda episode: max(
-            1.0 - np.abs(np.array(episode.observations)[:, 2]).max() / 0.2095, 0.0
-        ),
-        fooling_threshold=0.0,
-        max_steps=100,
-        agent_id="by hand",
-    )
+    return stress.pole(Attribute(-strongest, strongest, knots=knots, over=100))
 
 
 def shipped(name: str) -> GymnasiumApplication:
     """Return an agent of `studies.stress` that two curves of ten knots disturb."""
-    application = stress.SYSTEMS[name]()
     spread = {"quadrotor": 0.5, "robot": 0.3, "go2": 0.12}[name]
-    steps = int(application.step_limit or 0)
-    curve = Attribute(-spread, spread, knots=10, over=steps)
-    factory = application.episode_spec.factory
-    return GymnasiumApplication(
-        factory.function if hasattr(factory, "function") else factory,
-        agent="built-in",
-        parameters={"push_0": curve, "push_1": curve},
-        score=lambda episode: episode.rewards[-1],
-        fooling_threshold=application.fooling_threshold,
-        max_steps=steps,
-        agent_id=name,
-    )
+    return stress.shipped(name, Attribute(-spread, spread, knots=10, over=stress.SHIPPED[name][2]))
 
 
 class Problem:
@@ -199,8 +177,7 @@ PROBLEMS = (
 
 
 def read(problem: str) -> list[dict[str, Any]]:
-    path = FOLDER / f"{problem}.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    return read_rows(FOLDER / f"{problem}.jsonl")
 
 
 def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None:
@@ -226,9 +203,7 @@ def measure(name: str, seeds: list[int]) -> None:
                 process.start()
                 row = queue.get(timeout=3_600)
                 process.join()
-                with (FOLDER / f"{name}.jsonl").open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-                print(name, row, flush=True)
+                add_row(FOLDER / f"{name}.jsonl", row)
 
 
 def table() -> str:

@@ -21,7 +21,6 @@ the run's seed.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Callable
@@ -37,6 +36,7 @@ from sada_gym import GymnasiumApplication, StressEnv, adversaries
 from sada_gym.envs.wrapped import Attribute
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.foundations.arrays import Floats
+from studies.kept_rows import add_row, read_rows
 
 FOLDER = Path("docs/results/stress")
 METHODS = ("draws", "cross-entropy", "ppo", "level-set")
@@ -126,17 +126,23 @@ def _cart_pole() -> Any:
     return WindyCartPole(env)
 
 
-def cart_pole() -> GymnasiumApplication:
+def pole(wind: Attribute) -> GymnasiumApplication:
+    """Return a pole in a wind, and a controller written by hand."""
     return GymnasiumApplication(
         _cart_pole,
         agent=lambda seen: int(seen[2] + 0.5 * seen[3] + 0.02 * seen[0] + 0.1 * seen[1] > 0),
-        parameters={"wind": _normal(0.1)},
+        agent_id="by hand",
+        parameters={"wind": wind},
         score=lambda episode: max(
             1.0 - np.abs(np.array(episode.observations)[:, 2]).max() / 0.2095, 0.0
         ),
         fooling_threshold=0.0,
         max_steps=100,
     )
+
+
+def cart_pole() -> GymnasiumApplication:
+    return pole(_normal(0.1))
 
 
 class WindyLander(gym.Wrapper[Any, Any, Any, Any]):
@@ -169,52 +175,47 @@ def lander() -> GymnasiumApplication:
     )
 
 
-def _shipped(name: str, push: Callable[[Any, Floats], None], sd: float, steps: int) -> Any:
-    return GymnasiumApplication(
-        lambda: Shipped(name, push),
-        agent="built-in",
-        parameters={"push_0": _normal(sd), "push_1": _normal(sd)},
-        score=lambda episode: episode.rewards[-1],
-        fooling_threshold=sada_gym.make_application(name).fooling_threshold,
-        max_steps=steps,
-        agent_id=name,
-    )
-
-
 def _gust(episodes: Any, strength: Floats) -> None:
     episodes.winds[0, :2] += strength
-
-
-def quadrotor() -> GymnasiumApplication:
-    """RAPTOR on a Crazyflie: the wind changes, in m/s."""
-    return _shipped("SADA-Quadrotor-Crazyflie-v0", _gust, 0.5, 500)
 
 
 def _shove(episodes: Any, strength: Floats) -> None:
     episodes._robots[0]._data.qvel[:2] += strength
 
 
-def go2() -> GymnasiumApplication:
-    """The walking policy of a Go2: its trunk is pushed, in m/s."""
-    return _shipped("SADA-Go2-Walk-v0", _shove, 0.05, 300)
-
-
 def _swerve(episodes: Any, strength: Floats) -> None:
     episodes.commands[0, 0] += strength
 
 
-def robot() -> GymnasiumApplication:
-    """The robot's driver: what its motors were told last is wrong, in shares of the range."""
-    return _shipped("SADA-Robot-Warehouse-v0", _swerve, 0.2, 400)
+SHIPPED = {
+    "robot": ("SADA-Robot-Warehouse-v0", _swerve, 1_000),
+    "go2": ("SADA-Go2-Walk-v0", _shove, 300),
+    "quadrotor": ("SADA-Quadrotor-Crazyflie-v0", _gust, 1_000),
+}
+"""The id, what disturbs its agent, and the most steps of an episode."""
 
 
-SYSTEMS = {
+def shipped(name: str, push: Attribute) -> GymnasiumApplication:
+    """Return a shipped agent with two disturbances: wind, pushes (m/s), or wrong commands."""
+    env_id, disturb, steps = SHIPPED[name]
+    return GymnasiumApplication(
+        lambda: Shipped(env_id, disturb),
+        agent="built-in",
+        parameters={"push_0": push, "push_1": push},
+        score=lambda episode: episode.rewards[-1],
+        fooling_threshold=sada_gym.make_application(env_id).fooling_threshold,
+        max_steps=steps,
+        agent_id=env_id,
+    )
+
+
+SYSTEMS: dict[str, Callable[[], GymnasiumApplication]] = {
     "walk": walk,
     "cart-pole": cart_pole,
     "lander": lander,
-    "robot": robot,
-    "go2": go2,
-    "quadrotor": quadrotor,
+    "robot": lambda: shipped("robot", _normal(0.2)),
+    "go2": lambda: shipped("go2", _normal(0.05)),
+    "quadrotor": lambda: shipped("quadrotor", _normal(0.5)),
 }
 
 
@@ -309,13 +310,11 @@ SEARCHES = dict(zip(METHODS, (by_draws, by_cross_entropy, by_ppo, by_level_set),
 
 
 def read(system: str) -> list[dict[str, Any]]:
-    path = FOLDER / f"{system}.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    return read_rows(FOLDER / f"{system}.jsonl")
 
 
 def measure(system: str, seeds: list[int], steps: int) -> None:
     """Run what is missing, and write each run as it comes."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
     done = {(row["method"], row["seed"], row["steps"]) for row in read(system)}
     for seed in seeds:
         for method in METHODS:
@@ -339,9 +338,7 @@ def measure(system: str, seeds: list[int], steps: int) -> None:
                 "half_sum": None if counted.best == np.inf else round(counted.best, 2),
                 "seconds": round(time.process_time() - start, 1),
             }
-            with (FOLDER / f"{system}.jsonl").open("a") as file:
-                file.write(json.dumps(row) + "\n")
-            print(system, row, flush=True)
+            add_row(FOLDER / f"{system}.jsonl", row)
 
 
 def table() -> str:
