@@ -21,6 +21,7 @@ from sada_gym.cli.console import (
     workers_option,
 )
 from sada_gym.cli.report import make_anew
+from sada_gym.errors import UserError
 
 
 def estimate(
@@ -67,8 +68,14 @@ def estimate(
     """
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
-        is_table = density is not None and len(density) == 1 and density[0].lower().endswith(".csv")
-        densities = density[0] if density and is_table else key_values(density, "--density")
+        given = density or []
+        tables = [text for text in given if text.lower().endswith(".csv")]
+        if tables and len(given) > 1:
+            raise UserError(
+                f"Expected --density once where it names a table, got {' and '.join(given)}. "
+                "Write one table that holds all parameters, or NAME=DENSITY for each."
+            )
+        densities = tables[0] if tables else key_values(given, "--density")
         from sada_gym.analyses.estimation.estimate import estimate as find
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.run.folder import SETTINGS_FILE

@@ -81,8 +81,15 @@ def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
         load_env_creator(creator) if isinstance(creator, str) else creator
     ).parameters
     # an AdversaryEnv takes any keywords and checks them itself, by its application's
-    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
-        check_known(f"keyword of {spec.id}", env_kwargs, list(accepted))
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
+        return
+    if env_kwargs.keys() - accepted == {"agent"}:
+        raise UserError(
+            f"Expected an adversary environment behind {spec.id!r}, got one that takes no agent. "
+            f"To attack an agent in it, write a file that describes both: sada-gym init {spec.id} "
+            f"--agent {env_kwargs['agent']}"
+        )
+    check_known(f"keyword of {spec.id}", env_kwargs, list(accepted))
 
 
 @dataclass(frozen=True)
