@@ -24,7 +24,7 @@ from sada_gym.application import Application
 from sada_gym.envs.metadrive.agent.idm import CarefulDriver
 from studies.shares import share
 
-DRIVERS = ("metadrive-expert", "metadrive-idm", "UN R157")
+DRIVERS = ("metadrive-expert", "metadrive-ppo", "metadrive-idm", "UN R157")
 WORLDS = {"nominal": 200, "uniform": 400}
 EACH = 20
 SEED = 0

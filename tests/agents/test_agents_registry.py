@@ -15,7 +15,7 @@ WITH_AGENTS = [card for card in cards() if card.agents]
 @pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
 def test_a_card_says_how_its_agents_are_loaded(card):
     assert callable(load(card.agent_loader))
-    either = rf"Expected an agent's name among {card.agents[0].name}.*, or a \.safetensors file"
+    either = rf"Expected an agent's name among {card.all_agents[0].name}.*, or a \.safetensors file"
     with pytest.raises(
         ValueError, match=rf"{either} with a {card.agent_kind}'s weights, got no\.s"
     ):
@@ -37,7 +37,7 @@ def test_an_agents_row_may_name_a_loader_of_its_own(monkeypatch):
 @pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
 def test_a_name_and_a_file_are_both_offered(card, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = card.agents[0].name
+    first = card.all_agents[0].name
     either = rf"Expected an agent's name among {first}.*, or a \.safetensors file"
     for missing in ("nofile.pt", "weights/mine", "nofile.safetensors"):
         with pytest.raises(ValueError, match=rf"{either} .*got {missing}: no such file"):

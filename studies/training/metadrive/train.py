@@ -62,8 +62,7 @@ scenes."""
     ),
     training="{minutes:.0f} minutes of one core, simulation included",
     measured="""Measured by `python -m studies.training.metadrive.evaluate {name} --seed
-{seed}`: nominal worlds, and uniform mu, fooled where it did not arrive; and the driver of UN
-Regulation 157 on uniform mu.""",
+{seed}`: nominal worlds, and uniform mu, fooled where it did not arrive.""",
 )
 
 
