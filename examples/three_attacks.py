@@ -16,7 +16,7 @@ from sada_gym.errors import UserError
 BUDGET = 2_000
 ATTACKS = {
     "random": "random worlds",
-    "bbgan": "BBGAN, the paper's",
+    "bbgan": "BBGAN, from the paper",
     "level-set": "level-set, the default",
 }
 
