@@ -263,8 +263,10 @@ def check_no_stray_words(words: Sequence[str], example: str) -> None:
 def wrapped(text: str, indent: int) -> str:
     """Break a text between words to the width of the terminal, with so many spaces before it."""
     start = " " * indent
-    return textwrap.fill(text, out.width, initial_indent=start, subsequent_indent=start,
-                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    whole = text.replace(" %", "\N{NO-BREAK SPACE}%")
+    lines = textwrap.fill(whole, out.width, initial_indent=start, subsequent_indent=start,
+                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return lines.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def key_values(pairs: Sequence[str] | None, option: str) -> dict[str, Any]:

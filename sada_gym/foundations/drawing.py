@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -20,6 +21,7 @@ from sada_gym.foundations.frames import INK, VERMILLION, Colour, Frame, LegendEn
 Point = tuple[float, float]
 
 INK_RGB = rgb(INK)
+_WORDS = re.compile(r"\S+(?: %)?")  # "92 %" stays on one line
 _CASING = (64, 72, 80)  # a dark edge, so that a white line shows on white
 
 
@@ -64,7 +66,7 @@ def wrapped(text: str, face: ImageFont.FreeTypeFont, width: float) -> list[str]:
     lines = []
     for paragraph in text.splitlines():
         line = ""
-        for word in paragraph.split():
+        for word in _WORDS.findall(paragraph):
             rest = word
             if line and face.getlength(f"{line} {rest}") <= width:
                 line, rest = f"{line} {rest}", ""

@@ -105,3 +105,11 @@ def test_marks_of_one_colour_differ_by_their_shape():
         assert (drawn != 255).any()
         for other in pictures[:i]:
             assert (np.abs(drawn - other).max(axis=-1) > 60).sum() > 20
+
+
+def test_a_figure_stays_beside_its_percent_sign():
+    face = font(12)
+    text = "of its samples fool 92 % and more"
+    lines = [wrapped(text, face, width) for width in range(60, 300)]
+    assert any(len(line) > 1 for line in lines)
+    assert not any(word.startswith("%") for line in lines for word in line)
