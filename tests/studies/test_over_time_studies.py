@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sada_gym import StressEnv
 from studies import few_queries, many_dimensions, stress
 
 
@@ -20,6 +21,17 @@ def test_no_search_beats_the_likeliest_failure_of_the_walk(tmp_path, monkeypatch
     stress.measure("walk", [0], steps=4_000)
     assert stress.read("walk") == rows
     assert stress.table().count("| walk |") == 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("system", "first", "passes"), [("lander", 2, 3), ("robot", 0, 0)])
+def test_an_undisturbed_agent_passes_in_the_world_of_a_run(system, first, passes):
+    application = stress.SYSTEMS[system]()
+    env = StressEnv(application, actions="normal", miss=300.0)
+    assert stress.passing_seed(env, first) == passes
+    counted = stress.Counted(env, passes, 0, 1)
+    counted.play(np.zeros((1, 2)))
+    assert -counted.left < application.step_limit
 
 
 @pytest.mark.long
