@@ -280,8 +280,8 @@ def test_the_expert_acts_as_its_package_says():
         episodes.step(ONE, action)
 
 
-@pytest.mark.parametrize("name", ["metadrive-expert", "metadrive-idm"])
-def test_the_packages_drivers_drive_and_can_be_sent_to_workers(name):
+@pytest.mark.parametrize("name", ["metadrive-expert", "metadrive-idm", "metadrive-ppo"])
+def test_named_drivers_drive_and_can_be_sent_to_workers(name):
     application = MetaDriveApplication(agent=name)
     assert re.fullmatch("[0-9a-f]{64}", application.fingerprint)
     episodes = driven(start_of(), 60, application.policy)
