@@ -44,6 +44,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "off"
 
 html_theme = "furo"
+pygments_dark_style = "github-dark"  # Furo's underlines the names of modules, like links
 html_static_path = ["_static"]
 html_css_files = ["sada.css"]
 html_title = f"sada_gym {release}"
