@@ -77,3 +77,10 @@ def test_no_table_has_two_rows_of_headings(page: Path) -> None:
     for head in re.findall(r"^\|(.+)\|\n\|[ :|-]+\|$", page.read_text(encoding="utf-8"), re.M):
         cells = [cell.strip() for cell in head.split("|")]
         assert all(cells[1:]) or not any(cells), head
+
+
+def test_no_line_begins_with_a_percent_sign() -> None:
+    """Markdown of Sphinx takes such a line for a comment, and leaves it out."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    lines = [(page, line) for page in pages for line in page.read_text("utf-8").splitlines()]
+    assert [found for found in lines if found[1].lstrip().startswith("%")] == []
