@@ -1,0 +1,209 @@
+"""Draw the charts of recorded results in docs/images, each from a table that a page or study has.
+
+python -m tools.draw_results
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sada_gym.analyses.plots.style import FOOLED, UNHURT, new_figure, svg, tidy
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ROOT = Path(__file__).parents[1]
+DOCS, IMAGES = ROOT / "docs", ROOT / "docs" / "images"
+MARKS = "osD^v"
+COLOURS = (FOOLED, UNHURT, MUTED, INK, "#009e73")
+Table = dict[str, list[str]]
+
+
+def tables(page: Path) -> list[list[list[str]]]:
+    """Return the cells of each table of a page, its heading first, without marks of Markdown."""
+    blocks = re.findall(r"(?:^\|.*\|\n)+", page.read_text("utf-8"), re.MULTILINE)
+    plain = [re.sub(r"[*`]", "", block).splitlines() for block in blocks]
+    rows = [[[c.strip() for c in line[1:-1].split("|")] for line in lines] for lines in plain]
+    return [[found[0], *found[2:]] for found in rows]
+
+
+def named(page: Path, heading: str) -> list[list[str]]:
+    """Return the first table of a page with a heading of this name among its columns."""
+    return next(table for table in tables(page) if heading in table[0])
+
+
+def bars(axes: Axes, labels: list[str], values: list[float], form: str, **look: object) -> None:
+    """Draw horizontal bars from the top down, each with its value."""
+    places = range(len(labels))
+    axes.barh(places, values, **look)
+    for place, value in zip(places, values, strict=True):
+        axes.text(value, place, f" {value:{form}}", va="center", fontsize=8, color=INK)
+    axes.set_yticks(places, labels=labels)
+    axes.set_ylim(len(labels) - 0.4, -0.6)
+
+
+def by_dimension() -> Figure:
+    """Draw the criterion over the number of dimensions, from the study's tables."""
+    found: dict[str, list[float]] = {}
+    dimensions = (2, 5, 8, 12)
+    compared = [
+        table
+        for table in tables(ROOT / "studies" / "level_set_tables.md")
+        if table[0][1].startswith("smooth-")
+    ]
+    for table in compared:
+        for label, *_, criterion in table[1:]:
+            found.setdefault(label, []).append(float(criterion))
+    figure = new_figure(7.2, 3.6)
+    axes = figure.subplots()
+    shown = ("level-set", "smc", "memorise", "trees", "level-set, no hits", "random")
+    ends = []
+    for i, label in enumerate(shown):
+        colour = FOOLED if label == "level-set" else (UNHURT, INK, MUTED)[i % 3]
+        width = 2.6 if label == "level-set" else 1.4
+        style = "--" if label == "level-set, no hits" else "-"
+        axes.plot(dimensions, found[label], style, color=colour, lw=width, marker="o", ms=4)
+        ends.append((found[label][-1], label, colour))
+    height = 1.0
+    for value, label, colour in sorted(ends, reverse=True):
+        height = min(height - 0.045, value)
+        axes.text(12.3, height, label, va="center", fontsize=9, color=colour)
+    axes.set(xlabel="dimensions", ylabel="criterion", xlim=(1.5, 15.8), ylim=(0, 0.8))
+    axes.set_xticks(dimensions)
+    tidy(axes, grid="y")
+    return figure
+
+
+def of_rl() -> Figure:
+    """Draw AFR and coverage of adversaries, a mark for each application."""
+    (_, *applications), *rows = named(DOCS / "results" / "rl.md", "Robot")
+    figure = new_figure(7.2, 3.5)
+    panels = figure.subplots(1, 2, sharey=True)
+    for k, axes in enumerate(panels):
+        for column, application in enumerate(applications):
+            values = [float(row[1 + column].split("/")[k]) for row in rows]
+            axes.plot(
+                values,
+                range(len(rows)),
+                MARKS[column],
+                color=COLOURS[column],
+                ms=6,
+                alpha=0.85,
+                label=application,
+            )
+        axes.set(xlabel=("AFR, %", "coverage, % of ideal samples'")[k], xlim=(0, 105))
+        tidy(axes, grid="both")
+    panels[0].set_yticks(range(len(rows)), labels=[row[0] for row in rows])
+    panels[0].invert_yaxis()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize=8)
+    return figure
+
+
+def of_agents() -> Figure:
+    """Draw how often agents fail by themselves and against an adversary."""
+    heading, *rows = named(DOCS / "results" / "agents.md", "agent")
+    labels = [f"{row[1]} ({row[0].lower()})" for row in rows]
+    figure = new_figure(7.2, 3.3)
+    axes = figure.subplots()
+    for adversary, colour in (("level-set", FOOLED), ("random", UNHURT)):
+        values = [float(row[heading.index(adversary)]) for row in rows]
+        name = "random worlds" if adversary == "random" else f"worlds of {adversary}"
+        bars(axes, labels, values, "g", height=0.75, color=colour, label=name)
+    axes.set(xlabel="worlds in which the agent fails, %", xlim=(0, 106))
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=8)
+    tidy(axes)
+    return figure
+
+
+def of_tools() -> Figure:
+    """Draw AFR over coverage of what people usually use."""
+    heading, *rows = named(DOCS / "comparison.md", "what people use")
+    figure = new_figure(7.2, 3.6)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, column in zip(panels, (2, 3), strict=True):
+        for row in rows:
+            if "/" not in row[column]:
+                continue
+            afr, coverage = map(float, row[column].split("/"))
+            ours = row[1] == "level-set"
+            axes.plot(coverage, afr, "o", ms=8, color=FOOLED if ours else MUTED)
+            left = coverage > 55
+            side = "right" if left else "left"
+            gap, down = (-3 if left else 3), (-5 if row[1] in ("cma-mae", "tpe") else 0)
+            axes.text(
+                coverage + gap,
+                afr + down,
+                row[1],
+                ha=side,
+                va="center",
+                fontsize=9,
+                color=FOOLED if ours else INK,
+                weight="bold" if ours else "normal",
+            )
+        axes.set_title(heading[column].split(":")[0], fontsize=9, color=MUTED, loc="left")
+        axes.set(xlabel="coverage, % of ideal samples'", xlim=(-2, 106), ylim=(0, 106))
+        tidy(axes, grid="both")
+    panels[0].set_ylabel("samples that fool the agent (AFR), %")
+    return figure
+
+
+def of_designs(page: str) -> Figure:
+    """Draw the criterion of the designs on an appendix, the defaults in colour."""
+    text = (DOCS / "adversaries" / f"{page}.md").read_text("utf-8")
+    default = set(re.findall(r"^\| \*\*(.+?)\*\*", text, re.MULTILINE))
+    heading, *rows = named(DOCS / "adversaries" / f"{page}.md", "criterion")
+    rows = [row for row in rows if row[0] != "ideal samples"]
+    column = heading.index("criterion")
+    figure = new_figure(7.2, 0.6 + 0.21 * len(rows))
+    axes = figure.subplots()
+    colours = [FOOLED if row[0] in default else UNHURT for row in rows]
+    labels = [row[0] for row in rows]
+    bars(axes, labels, [float(row[column]) for row in rows], ".2f", color=colours)
+    axes.set(xlabel="criterion (1: as good as ideal samples)", xlim=(0, 1))
+    tidy(axes)
+    return figure
+
+
+def of_parking() -> Figure:
+    """Draw the failures that the searches on parking find, with their intervals."""
+    heading, *rows = named(DOCS / "parking.md", "knows the training log")
+    figure = new_figure(7.2, 2.6)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, worlds in zip(panels, (100, 400), strict=True):
+        cells = [row[heading.index(f"failures of {worlds}")] for row in rows]
+        values, errors = ([float(cell.split("±")[k]) for cell in cells] for k in (0, 1))
+        colours = [UNHURT if row[1] == "yes" else FOOLED for row in rows]
+        look = {"ecolor": MUTED, "capsize": 3, "height": 0.7}
+        axes.barh(range(len(rows)), values, xerr=errors, color=colours, **look)
+        axes.set(xlabel=f"failures of {worlds} worlds", xlim=(0, 0.62 * worlds))
+        tidy(axes)
+    names = [f"{row[0]} (knows the log)" if row[1] == "yes" else row[0] for row in rows]
+    panels[0].set_yticks(range(len(rows)), labels=names)
+    panels[0].invert_yaxis()
+    return figure
+
+
+@own_style()
+def main() -> None:
+    """Draw them all."""
+    drawn = {
+        "level-set-dimensions": by_dimension(),
+        "results-rl": of_rl(),
+        "results-agents": of_agents(),
+        "comparison": of_tools(),
+        "designs-bbgan": of_designs("appendix-bbgan"),
+        "designs-rl": of_designs("appendix-reinforcement-learning"),
+        "parking": of_parking(),
+    }
+    for name, figure in drawn.items():
+        (IMAGES / f"{name}.svg").write_bytes(svg(figure))
+
+
+if __name__ == "__main__":
+    main()
