@@ -64,7 +64,7 @@ def curves(space: ParameterSpace, worlds: Evaluations, threshold: float) -> Figu
             axes.fill_between(way, low, high, color=colour, alpha=0.25, linewidth=0)
             label = f"{these.sum():,} worlds {name}"
             axes.plot(way, middle, color=colour, linestyle=dashes, linewidth=1.6, label=label)
-        axes.set_xlabel("share of the way through its steps (%)")
+        axes.set_xlabel("time in the episode (%)")
         axes.set_ylabel(axis_label(parameter).replace("[0]", ""))
         axes.set_xlim(0, 100)
         span(axes, "y", parameter)
