@@ -61,7 +61,7 @@ def diagnose(
             least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
         confirm: Tries each failure among the samples again on so many fresh seeds, see
             `sada_gym.measures.failures`.
-        application: What the run attacked, where it cannot say it, see `Run.open`.
+        application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.
         on_scores: See `OnScores`.
 

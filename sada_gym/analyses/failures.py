@@ -51,7 +51,7 @@ def confirm_failures(
     Args:
         run: A run, or its folder.
         seeds: The number of fresh seeds for each failure; 0 tries none.
-        application: What the run attacked, where it cannot say it, see `Run.open`.
+        application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.
         on_scores: See `OnScores`.
 

@@ -115,7 +115,7 @@ def rescore(
         samples: Takes the first so many; None takes all.
         seed: Draws other evaluation seeds; None takes those of the samples.
         workers: See `Workers`.
-        application: What the run attacked, where it cannot say it, see `Run.open`.
+        application: What the run attacked, if it did not record it, see `Run.open`.
         on_scores: See `OnScores`.
 
     Raises:
@@ -165,7 +165,7 @@ def transfer(
         seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
             application differ in nothing else.
         workers: See `Workers`.
-        application: What the runs attacked, where they cannot say it, see `Run.open`.
+        application: What the runs attacked, if they did not record it, see `Run.open`.
         on_scores: See `OnScores`.
 
     Raises:

@@ -81,7 +81,7 @@ def run_argument() -> Any:
 
 def application_option(run: str = "a run") -> Any:
     """Declare `--application`."""
-    text = f"What was attacked, if {run} cannot tell."
+    text = f"What was attacked, if {run} did not record it."
     return option(None, text, metavar="ID|FILE.toml", shown="what RUN names")
 
 

@@ -1,4 +1,4 @@
-"""Errors of the store's file, each with a sentence."""
+"""Errors of the store's file, with clear messages."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def check_usable(path: Path) -> None:
 
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn every error of SQLite into a `StoreError` with a sentence."""
+    """Turn every error of SQLite into a `StoreError` with a clear message."""
     try:
         yield
     except sqlite3.Error as error:

@@ -94,7 +94,7 @@ def as_path(given: Any, what: str) -> Path:
 
 @contextmanager
 def file_errors(what: str, path: Path) -> Iterator[None]:
-    """Turn the system's errors on a file or folder into a `FileError` with a sentence.
+    """Turn the system's errors on a file or folder into a `FileError` with a clear message.
 
     `what` names the attempt: `with file_errors("read", path): content = path.read_bytes()`.
     """

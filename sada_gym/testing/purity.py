@@ -41,7 +41,7 @@ def assert_pure(
             picklable then.
 
     Raises:
-        AssertionError: If an outcome differs, with a sentence that says which and how.
+        AssertionError: If an outcome differs, with a message that says which and how.
     """
     mu, seeds = draw_worlds(application, n, seed)
     reference = application.evaluate(mu, seeds)

@@ -88,7 +88,7 @@ def estimate(
             logged worlds, (n, d) physical values or the path of a CSV file, see `TableDensity`. A
             run's folder then gets `density.png`.
         env_kwargs: Keywords of an id.
-        application: What the run attacked, where it cannot say it, see `Run.open`.
+        application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.
         store: A file that keeps the scores; None takes that of a run, and else none.
         beside: Another agent, which is evaluated in the same worlds with the same seeds, so that

@@ -100,7 +100,7 @@ def export(
         confirm: The number of fresh seeds; 0 takes the run's own seed instead.
         form: `suite`; `cases`, a record a test case, as JSON or, where `out` ends in .csv, as CSV;
             `sarif`, the failures as code hosts show them.
-        application: What the runs attacked, where they cannot say it, see `Run.open`.
+        application: What the runs attacked, if they did not record it, see `Run.open`.
         workers: See `Workers`.
         on_scores: See `OnScores`.
 

@@ -89,9 +89,9 @@ class ImageApplication(Application):
         task: `classify` or `detect`, where neither labels nor the agent say it.
         classes: The names of the labels' classes, from 0.
         only: The names of the classes that count; None takes all.
-        score: `right`, the share of images classified rightly, or of objects found; `confidence`, a
-            classifier's mean probability of the right class; `f1`, which counts a detector's false
-            alarms too.
+        score: `right`, the share of images classified correctly, or of objects found; `confidence`,
+            a classifier's mean probability of the right class; `f1`, which counts a detector's
+            false alarms too.
         fooling_threshold: The agent is fooled where the score is at most this. By default it lies
             halfway between the score on the untouched images and chance.
         batch: The images of a world.
@@ -336,7 +336,7 @@ class ImageApplication(Application):
     def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
         """Say which images were taken for another class, or which objects were missed."""
         part, done = (
-            ("image", "classified rightly") if self.task == "classify" else ("object", "found")
+            ("image", "classified correctly") if self.task == "classify" else ("object", "found")
         )
         events = tuple(text for image in info["wrong"] for text in image)
         text = f"all {info['of']} {part}s {done}"

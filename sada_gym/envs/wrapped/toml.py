@@ -178,7 +178,7 @@ def checked_table(
 
 
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:
-    """Return the types of the keys of a file, and the keys that must be there."""
+    """Return the types of the keys of a file, and the keys that are required."""
     texts = str | list[str]
     return argument_keys(
         GymnasiumApplication,
@@ -191,7 +191,7 @@ def application_keys() -> tuple[dict[str, list[type]], list[str]]:
 
 
 def argument_keys(kind: Any, **others: Any) -> tuple[dict[str, list[type]], list[str]]:
-    """Return the types in TOML of a class's arguments, and those that must be there.
+    """Return the types in TOML of a class's arguments, and those that are required.
 
     `others` are the annotations of what a file writes otherwise than Python does.
     """

@@ -28,7 +28,7 @@ class Figures:
 
     Attributes:
         test: Test images.
-        right: How many of them it classifies rightly.
+        right: How many of them it classifies correctly.
         samples: Uniform mu of `SADA-Digits-v0`, and of each digit's id.
         fooled: How many of them fooled it on `SADA-Digits-v0`.
         fooled_by_digit: How many of them fooled it on each digit's id.

@@ -108,7 +108,7 @@ def test_score_is_the_true_class_softmax():
     np.testing.assert_array_equal(clean, shipped_images().images[info["image"]])
 
 
-def test_seeds_pick_among_the_images_that_are_classified_rightly():
+def test_seeds_pick_among_the_images_that_are_classified_correctly():
     infos = ANY.evaluate(np.zeros((5_000, 6)), range(5_000)).infos
     assert {info["image"] for info in infos} == {*ANY.indices.tolist()}
     assert all(info["predicted"] == info["label"] for info in infos)

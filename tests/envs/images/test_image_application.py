@@ -104,7 +104,7 @@ def test_a_classifier_is_scored_by_its_answers_or_its_confidence():
     assert wrong.clean_score == 0.75
     seen = wrong.evaluate(wrong.nominal[None].repeat(8, 0), range(8)).infos
     texts = {wrong.behaviour(info).text for info in seen}
-    assert "1 of 2 images not classified rightly: left taken for right (1)" in texts
+    assert "1 of 2 images not classified correctly: left taken for right (1)" in texts
 
 
 def test_false_alarms_count_in_f1():
