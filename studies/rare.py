@@ -33,6 +33,7 @@ from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 
 from sada_gym.analyses.estimation.core import Answers, estimate_probability
+from sada_gym.analyses.estimation.interval import exact_interval
 from sada_gym.measures.rates import weighted_rate, wilson_interval
 
 Floats = npt.NDArray[np.float64]
@@ -230,6 +231,14 @@ def now(number: int, problem: Problem, seed: int) -> Outcome:
         Normal(problem.dimension), lambda z: problem.answers(z, noise), 0.5, QUERIES, rng
     )
     return Outcome(found.probability, *found.interval, found.refused is not None, QUERIES)
+
+
+def plain(number: int, problem: Problem, seed: int) -> Outcome:
+    """Count plain draws."""
+    rng, noise = (np.random.default_rng((number, seed, stream)) for stream in (3, 1))
+    failed = problem.answers(rng.normal(size=(QUERIES, problem.dimension)), noise).failed
+    interval = exact_interval(int(failed.sum()), QUERIES)
+    return Outcome(float(failed.mean()), *interval, False, QUERIES)
 
 
 Method = Callable[[int, Problem, int], Outcome]

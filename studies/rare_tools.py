@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 import openturns as ot
 
-from sada_gym.analyses.estimation.interval import exact_interval
 from studies.rare import (
     QUERIES,
     Floats,
@@ -37,6 +36,7 @@ from studies.rare import (
     in_rounds,
     now,
     numbers_of,
+    plain,
     problems,
 )
 
@@ -122,14 +122,6 @@ def by_openturns(make: Algorithm, number: int, problem: Problem, seed: int) -> O
     if not rate > 0.0:
         return Outcome(np.nan, np.nan, np.nan, True, min(limit.queries, QUERIES))
     return Outcome(rate, rate - half, rate + half, False, limit.queries)
-
-
-def plain(number: int, problem: Problem, seed: int) -> Outcome:
-    """Count plain draws."""
-    rng, noise = (np.random.default_rng((number, seed, stream)) for stream in (3, 1))
-    failed = problem.answers(rng.normal(size=(QUERIES, problem.dimension)), noise).failed
-    interval = exact_interval(int(failed.sum()), QUERIES)
-    return Outcome(float(failed.mean()), *interval, False, QUERIES)
 
 
 def settings() -> dict[str, dict[str, Method]]:
