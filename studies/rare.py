@@ -5,7 +5,7 @@
 Forty problems have a probability that is known exactly: 2 to 12 standard normal parameters, 1e-1 to
 1e-6, one to four regions, smooth and spotted, noisy or not, and regions that no score shows. The
 settings of `sada_gym.analyses.estimation` were chosen on those with even numbers; `--half judge`
-takes the others. Each run has 2,000 queries. "Before" are uniform worlds within 6 standard
+takes the others. Each run has 2,000 queries. "Weighted uniform" are uniform worlds within 6 standard
 deviations, weighted by the density, as an attack's summary has them.
 
 A run takes about a second of one core. They go in rounds, a run of each problem a round, so that
@@ -344,8 +344,8 @@ def main() -> None:
     given = parser.parse_args()
     numbers = numbers_of(given.half)
     found = in_rounds({"now": now}, numbers, given.runs, given.store, 60.0 * given.minutes)
-    columns = ["problem", "d", "p", "plain: error", "before: error", "held", "upper"]
-    columns += ["now: error", "held", "upper"]
+    columns = ["problem", "d", "p", "plain: error", "weighted uniform: error"]
+    columns += ["held", "upper", "estimate: error", "held", "upper"]
     print("|", " | ".join([*columns, "refused"]), "|")
     print("| --- " * (len(columns) + 1) + "|")
     for number in numbers:

@@ -120,12 +120,12 @@ class FailureEstimate(Strict):
             "draws failed"
         )
         if self.plain < self.drawn and self.probability < _OFTEN:
-            text += f", worth {self.effective:,.0f} failures of plain draws"
+            text += f", as informative as {self.effective:,.0f} failures of plain draws"
         if self.held < _ALL_HELD:
             text += f"; the ranges hold {percent(self.held)} of ordinary worlds"
         return (
-            f"{text}. A region of failures that no query met can be as likely as "
-            f"{odds(self.unseen)} (95 %)"
+            f"{text}. A failure region that no query met could have a "
+            f"probability of up to {odds(self.unseen)} (95 %)"
         )
 
     def _in_use(self) -> str:

@@ -185,7 +185,7 @@ def _found(
     refused = None
     if learnt and failed.any() and effective < _LEAST_EFFECTIVE:
         refused = (
-            f"it is worth no more than {effective:.0f} failures of plain draws, and "
+            f"it is as informative as {effective:.0f} failures of plain draws, and "
             f"{percent(terms.max() / rate)} of it comes from one draw. Raise the budget"
         )
     valid = int(answers.valid[:plain].sum())

@@ -184,7 +184,7 @@ def test_agents_that_both_never_failed_are_not_compared():
 
 
 def test_what_draws_are_worth_is_told_of_rare_failures_alone():
-    assert "80 of 1,100 fresh draws failed, worth 60 failures of plain" in record().basis
+    assert "80 of 1,100 fresh draws failed, as informative as 60 failures" in record().basis
     assert "worth" not in record(probability=0.95).basis
     assert "worth" not in record(plain=1_100).basis
 
