@@ -5,7 +5,7 @@
 Forty problems have a probability that is known exactly: 2 to 12 standard normal parameters, 1e-1 to
 1e-6, one to four regions, smooth and spotted, noisy or not, and regions that no score shows. The
 settings of `sada_gym.analyses.estimation` were chosen on those with even numbers; `--half judge`
-takes the others. Each run has 2,000 queries. "Weighted uniform" are uniform worlds within 6 standard
+takes the others. Each run has 2,000 queries. "Weighted uniform": uniform worlds within 6 standard
 deviations, weighted by the density, as an attack's summary has them.
 
 A run takes about a second of one core. They go in rounds, a run of each problem a round, so that
