@@ -66,7 +66,7 @@ def test_every_percentage_stands_in_a_table_or_a_card_or_beside_its_command(page
 
 def shown(page: Path, card: Path) -> bool:
     """Whether a page is on a card's application, or on all agents."""
-    return page.stem in ("agents", card.parent.parent.name)
+    return page.stem in ("agents", "model-cards", card.parent.parent.name)
 
 
 def test_a_percentage_from_nowhere_is_noticed() -> None:
@@ -87,7 +87,7 @@ def test_a_percentage_from_nowhere_is_noticed() -> None:
 )
 def test_the_agents_that_are_compared_are_those_of_the_cards(application: str, agent: str) -> None:
     card = (ROOT / "sada_gym" / "envs" / application / "agent" / f"{agent}.md").read_text("utf-8")
-    page = (DOCS / "agents.md").read_text(encoding="utf-8")
+    page = (DOCS / "model-cards.md").read_text(encoding="utf-8")
     shipped = re.findall(rf"^\| `{agent}`, 0 \(shipped\) (\|.*\|)$", page, re.MULTILINE)
     assert any(numbers(row) <= rows(card)[""] for row in shipped)
 
