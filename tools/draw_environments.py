@@ -1,0 +1,57 @@
+"""Draw the charts of the environments' pages, each from a table that a page or study has.
+
+python -m tools.draw_environments
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from sada_gym.analyses.plots.style import FOOLED, UNHURT, new_figure, svg, tidy
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
+from tools.draw_results import IMAGES, ROOT, named
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = (MUTED, "#009e73", UNHURT, FOOLED, "#cc79a7", INK)
+WAYS = ("-", "--", "-", "-", "--", ":")
+
+
+def over_pitch() -> Figure:
+    """Draw how often uniform worlds fool the COCO detector, by the camera's pitch."""
+    (_, *classes), *rows = named(ROOT / "studies" / "coco_tables.md", "pitch")
+    figure = new_figure(6.5, 3.8)
+    axes = figure.subplots()
+    lasts = []
+    for column, name in enumerate(classes, 1):
+        cells = [[float(x) for x in re.findall(r"[\d.]+", row[column])] for row in rows]
+        rates, lows, highs = zip(*cells, strict=True)
+        colour, places = COLOURS[column - 1], range(len(rows))
+        axes.plot(places, rates, color=colour, linestyle=WAYS[column - 1], marker="o", markersize=4)
+        axes.fill_between(places, lows, highs, color=colour, alpha=0.12, linewidth=0)
+        lasts.append([rates[-1], name, colour])
+    height = -100.0
+    for rate, name, colour in sorted(lasts):
+        height = max(rate, height + 6)  # names do not overlap
+        axes.text(len(rows) - 0.93, height, name, color=colour, va="center", fontsize=11)
+    axes.set_xticks(range(len(rows)), labels=[row[0] for row in rows])
+    axes.set(ylim=(0, 104), xlabel="the camera's pitch", ylabel="uniform worlds that fool, %")
+    tidy(axes, grid="y")
+    return figure
+
+
+CHARTS = {"coco-pitch": over_pitch}
+
+
+@own_style()
+def main() -> None:
+    """Draw each chart."""
+    for name, draw in CHARTS.items():
+        (IMAGES / f"{name}.svg").write_bytes(svg(draw()))
+
+
+if __name__ == "__main__":
+    main()
