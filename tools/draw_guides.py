@@ -1,0 +1,107 @@
+"""Draw the charts of the guides' appendices in docs/images, from the tables of their pages.
+
+python -m tools.draw_guides
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sada_gym.analyses.plots.style import FOOLED, UNHURT, new_figure, svg, tidy
+from sada_gym.foundations.drawing import own_style
+from sada_gym.foundations.frames import INK, MUTED
+from tools.draw_results import named, tables
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parents[1] / "docs"
+KINDS = 7
+"""The first rows of planted weaknesses are their kinds, the others adversaries and dimensions."""
+
+
+def numbers(cell: str) -> list[float]:
+    """Return the numbers of a cell: a value, and the ends of its interval."""
+    return [float(one) for one in re.findall(r"\d+(?:\.\d+)?", cell)]
+
+
+def of_repair() -> Figure:
+    """Draw how often three agents fail, by what they were trained on further."""
+    found = [table for table in tables(DOCS / "appendix-repair.md") if "nominal Q" in table[0]]
+    figure = new_figure(7.2, 2.9)
+    panels = figure.subplots(1, 3, sharey=True)
+    names = ("a lander", "the lidar robot", "the driver")
+    for axes, (heading, *rows), name in zip(panels, found, names, strict=True):
+        for column, colour, shift, label in (
+            (heading.index("level-set, %"), FOOLED, -0.18, "a new level-set's worlds"),
+            (heading.index("uniform fooled, %"), UNHURT, 0.18, "uniform worlds"),
+        ):
+            cells = np.array([numbers(row[column]) for row in rows])
+            places = np.arange(len(rows)) + shift
+            errors = [cells[:, 0] - cells[:, 1], cells[:, 2] - cells[:, 0]]
+            look = {"ecolor": MUTED, "color": colour, "height": 0.34, "label": label}
+            axes.barh(places, cells[:, 0], xerr=errors, capsize=2, **look)
+        axes.set_title(name, fontsize=10, color=INK, loc="left")
+        axes.set(xlabel="fails in, %", xlim=(0, 105))
+        tidy(axes)
+    panels[0].set_yticks(range(len(found[0]) - 1), labels=[row[0] for row in found[0][1:]])
+    panels[0].invert_yaxis()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def of_diagnosis() -> Figure:
+    """Draw how many planted weaknesses one rule finds, by their kind and by the method."""
+    page = DOCS / "appendix-diagnosis.md"
+    kinds = named(page, "planted")[1 : 1 + KINDS]
+    methods = named(page, "method")[1:]
+    rows = [(row[0], numbers(row[1])) for row in methods]
+    rows += [(f"{row[0]} ({row[1]})", numbers(row[2])) for row in kinds]
+    figure = new_figure(7.2, 0.7 + 0.24 * len(rows))
+    axes = figure.subplots()
+    for i, (name, (value, low, high)) in enumerate(rows):
+        place = i + 0.5 * (i >= len(methods))
+        colour = MUTED if name in ("PRIM", "decision tree") else FOOLED
+        axes.plot((low, high), (place, place), color=colour, lw=2, alpha=0.5)
+        axes.plot(value, place, "o", ms=6, color=colour)
+    places = [i + 0.5 * (i >= len(methods)) for i in range(len(rows))]
+    axes.set_yticks(places, labels=[name for name, _ in rows])
+    axes.set(xlabel="planted weaknesses that one rule finds, %", xlim=(0, 102))
+    axes.invert_yaxis()
+    tidy(axes, grid="x")
+    return figure
+
+
+def of_sb3() -> Figure:
+    """Draw how much of the fooling set PPO's queries reach, by the proposals of an episode."""
+    heading, *rows = named(DOCS / "sb3.md", "queries")
+    queries = [float(row[0].replace(",", "")) for row in rows]
+    figure = new_figure(5.4, 2.8)
+    axes = figure.subplots()
+    for column, colour, marker in ((1, UNHURT, "s"), (2, FOOLED, "o")):
+        shares = [numbers(row[column])[0] for row in rows]
+        axes.plot(queries, shares, marker=marker, color=colour, label=heading[column].strip(", %"))
+    axes.set_xscale("log")
+    axes.set_xticks(queries, labels=[f"{one:,.0f}" for one in queries])
+    axes.minorticks_off()
+    axes.set(xlabel="queries", ylabel="fooling set reached, %", ylim=(0, 102))
+    axes.legend(frameon=False, fontsize=9)
+    tidy(axes, grid="y")
+    return figure
+
+
+@own_style()
+def main() -> None:
+    """Draw them all."""
+    drawn = {"repair": of_repair(), "diagnosis": of_diagnosis(), "sb3": of_sb3()}
+    for name, figure in drawn.items():
+        (DOCS / "images" / f"{name}.svg").write_bytes(svg(figure))
+
+
+if __name__ == "__main__":
+    main()
