@@ -135,7 +135,10 @@ def of_tools() -> Figure:
             axes.plot(coverage, afr, "o", ms=8, color=FOOLED if ours else MUTED)
             left = coverage > 55
             side = "right" if left else "left"
-            gap, down = (-3 if left else 3), (-5 if row[1] in ("cma-mae", "tpe") else 0)
+            gap, down = (
+                (-3 if left else 3),
+                (-5 if row[1] in ("cma-mae", "tpe", "bbgan (paper)") else 0),
+            )
             axes.text(
                 coverage + gap,
                 afr + down,
