@@ -156,6 +156,31 @@ def of_tools() -> Figure:
     return figure
 
 
+def of_paper() -> Figure:
+    """Draw the AFR of ours and of the paper's adversaries on the columns of its Table 1."""
+    heading, *rows = named(DOCS / "results" / "table-1" / "table.md", "12-class avg")
+    rows = [row for row in rows if row[0] != "full set" and any("/" in cell for cell in row)]
+    figure = new_figure(9.6, 5.6)
+    panels = figure.subplots(2, 5, sharex=True, sharey=True).flat
+    for column, axes in enumerate(panels, 1):
+        for place, row in enumerate(rows):
+            rates = [float(cell) for cell in row[column].split("/")]
+            axes.plot(rates, [place] * len(rates), color=MUTED, lw=1)
+            axes.plot(rates[0], place, "o", color=FOOLED, ms=6, label="ours")
+            axes.plot(rates[1:], [place] * (len(rates) - 1), "D", color=UNHURT, ms=5, label="paper")
+        axes.set_title(heading[column], fontsize=9, color=INK, loc="left")
+        axes.set(xlim=(0, 105), xticks=(0, 50, 100))
+        tidy(axes, grid="both")
+    axes.set_yticks(range(len(rows)), labels=[row[0] for row in rows])
+    axes.invert_yaxis()
+    handles, _ = axes.get_legend_handles_labels()
+    figure.legend(
+        handles[:2], ["ours", "the paper's"], loc="outside upper right", ncols=2, frameon=False
+    )
+    figure.supxlabel("AFR, %", fontsize=10, color=INK)
+    return figure
+
+
 def of_designs(page: str) -> Figure:
     """Draw the criterion of the designs on an appendix, the defaults in colour."""
     text = (DOCS / "adversaries" / f"{page}.md").read_text("utf-8")
@@ -199,6 +224,7 @@ def main() -> None:
         "level-set-dimensions": by_dimension(),
         "results-rl": of_rl(),
         "results-agents": of_agents(),
+        "results-paper": of_paper(),
         "comparison": of_tools(),
         "designs-bbgan": of_designs("appendix-bbgan"),
         "designs-rl": of_designs("appendix-reinforcement-learning"),
