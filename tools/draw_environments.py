@@ -43,7 +43,25 @@ def over_pitch() -> Figure:
     return figure
 
 
-CHARTS = {"coco-pitch": over_pitch}
+def over_seeds() -> Figure:
+    """Draw which points of a reference set are in by luck or missing, by the number of seeds."""
+    figure = new_figure(8, 3.4)
+    panels = figure.subplots(1, 2)
+    titles = ("in by luck, %", "missed, %")
+    for axes, title in zip(panels, titles, strict=True):
+        (_, *seeds), *rows = named(ROOT / "studies" / "reference_set_tables.md", title)
+        for (name, *cells), colour, mark in zip(rows, COLOURS, "osD^", strict=False):
+            axes.plot(
+                list(map(int, seeds)), list(map(int, cells)), color=colour, marker=mark, label=name
+            )
+        axes.set_title(title, fontsize=11, color=INK, loc="left")
+        axes.set(ylim=(0, 85), xlabel="seeds of each point", xticks=list(map(int, seeds)))
+        tidy(axes, grid="y")
+    panels[1].legend(frameon=False, fontsize=9)
+    return figure
+
+
+CHARTS = {"coco-pitch": over_pitch, "reference-seeds": over_seeds}
 
 
 @own_style()
