@@ -86,6 +86,7 @@ class Docstring(SphinxDirective):
             if unknown := set(only) - parts.keys():
                 raise self.error(f"Expected headings of {list(parts)}, got {sorted(unknown)}.")
             body = "\n".join(f"## {parts[heading]}" for heading in only)
+        body = _with_signs(body)
         if "below" in self.options:
             body = re.sub("^## ", "### ", body, flags=re.M)
         return self.parse_text_to_nodes(body, allow_section_headings=True)
@@ -94,11 +95,15 @@ class Docstring(SphinxDirective):
 class Environment(SphinxDirective):
     """Show an environment's ids, spaces, threshold and agents as a table.
 
-    The argument is the general id without its version. `:q:` says in a few words what Q is.
+    The argument is the general id without its version. `:q:` says in a few words what Q is, and
+    `:agents:` who acts where no agent is shipped.
     """
 
     required_arguments = 1
-    option_spec: ClassVar[dict[str, Any]] = {"q": directives.unchanged_required}
+    option_spec: ClassVar[dict[str, Any]] = {
+        "q": directives.unchanged_required,
+        "agents": directives.unchanged_required,
+    }
 
     def run(self) -> list[nodes.Node]:
         """Make the table from the application itself, so that it can't be out of date."""
@@ -116,7 +121,7 @@ class Environment(SphinxDirective):
         sizes = sorted({len(space) for space in spaces})
         d, seen = ("d", "d + 2") if len(sizes) > 1 else (sizes[0], sizes[0] + 2)
         various = f" with d = {', '.join(map(str, sizes))}" if len(sizes) > 1 else ""
-        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.offered] or ["none"]
+        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.offered]
         rows = {
             "id": _few(ids, 5),
             "action": f"`Box(-1, 1, ({d},), float32)`{various}: {_few(spaces[0].names, 16)}",
@@ -124,7 +129,7 @@ class Environment(SphinxDirective):
             "share of the steps left",
             "reward": f"-Q. {self.options['q']}",
             "fooled": f"where Q ≤ ε = {applications[0].fooling_threshold:g}",
-            "agents": "; ".join(agents),
+            "agents": self.options.get("agents", "; ".join(agents) or "none"),
         }
         if card.tasks:
             rows["training"] = f"on `{'`, `'.join(card.tasks)}`"
@@ -154,6 +159,13 @@ class Conditions(SphinxDirective):
             )
             lines.append(f"| `{name}` | {sets or '-'} | {ranges} | {condition.source} |")
         return self.parse_text_to_nodes("\n".join(lines))
+
+
+def _with_signs(text: str) -> str:
+    """Write μ and ≤, which docstrings have in ASCII, but not in code."""
+    signs = {"mu": "μ", "<=": "≤"}
+    code = r"(```.*?```|`[^`]*`)"
+    return re.sub(rf"{code}|\bmu\b|<=", lambda m: m[1] or signs[m[0]], text, flags=re.DOTALL)
 
 
 def _few(names: Sequence[str], most: int) -> str:

@@ -72,7 +72,7 @@ class AnalyticApplication(Application):
       two parameters, and mu as a cross.
 
     ## Version History
-    - v0: first version.
+    - v0: initial version.
     """
 
     name = "SADA-Analytic"
