@@ -185,9 +185,16 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
         lines += [page, ""]
 
 
+def shorten_functions(*arguments: Any) -> tuple[str, str | None] | None:
+    """Show a function that an argument has by default as `...`, not as Python prints it."""
+    signature, returned = arguments[-2:]
+    return signature and (re.sub(r"=<function .*?>+", "=...", signature), returned)
+
+
 def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("docstring", Docstring)
     app.add_directive("environment", Environment)
     app.add_directive("conditions", Conditions)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)
+    app.connect("autodoc-process-signature", shorten_functions)

@@ -63,7 +63,7 @@ def diagnose(
             `sada_gym.measures.failures`.
         application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.

@@ -53,7 +53,7 @@ def confirm_failures(
         seeds: The number of fresh seeds for each failure; 0 tries none.
         application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Returns:
         What failures.json holds; None where no sample fooled.

@@ -116,7 +116,7 @@ def rescore(
         seed: Draws other evaluation seeds; None takes those of the samples.
         workers: See `Workers`.
         application: What the run attacked, if it did not record it, see `Run.open`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: As `transfer` does.
@@ -166,7 +166,7 @@ def transfer(
             application differ in nothing else.
         workers: See `Workers`.
         application: What the runs attacked, if they did not record it, see `Run.open`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
@@ -207,7 +207,7 @@ def confirm(
         samples: Takes the first so many; None takes all.
         out: Another name for confirmed.json; the arrays lie beside it.
         workers: See `Workers`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: As `transfer` does, or if nothing changes.

@@ -96,7 +96,7 @@ def try_again(
         seeds: Those of each world, equally many.
         threshold: The agent is fooled where Q is at most this.
         store: See `stored_scores`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
     """
     each = len(seeds[0]) if seeds else 0
     listed = [seed for own in seeds for seed in own]

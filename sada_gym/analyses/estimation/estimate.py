@@ -96,7 +96,7 @@ def estimate(
             run, its folder, an application or a TOML file that holds it.
         per: Tells the failures in so many episodes.
         unit: What an episode is, such as `flights`, where an episode is a use.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: If an argument is bad, no density is known, or too many worlds are invalid.

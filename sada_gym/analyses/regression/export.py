@@ -102,7 +102,7 @@ def export(
             `sarif`, the failures as code hosts show them.
         application: What the runs attacked, if they did not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: See `OnScores`.
+        on_scores: Gets the number of scores so far, of all, and of those from the store.
 
     Raises:
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, the
