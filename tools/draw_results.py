@@ -181,6 +181,43 @@ def of_paper() -> Figure:
     return figure
 
 
+def of_parameters() -> Figure:
+    """Draw the total Sobol indices of the detector's parameters and of the driver's."""
+    page = DOCS / "results" / "parameters.md"
+    detector = [row for row in named(page, "lowest of a class")[1:] if "planted" not in row[0]]
+    driver = [row for row in tables(page)[-1][1:] if "planted" not in row[0]]
+    figure = new_figure(8.4, 3.2)
+    left, right = figure.subplots(1, 2)
+    labels = [row[0].removesuffix("_deg").replace("_", " ") for row in detector]
+    bars(left, labels, [float(row[2]) for row in detector], ".2f", color=FOOLED)
+    left.set_title("detector", fontsize=10, color=INK, loc="left")
+    words = [re.sub(r"_(m|deg)$", "", row[0]).replace("_", " ") for row in driver]
+    names = [f"{word}, {row[1]}" for word, row in zip(words, driver, strict=True)]
+    bars(right, names, [float(row[4]) for row in driver], ".2f", color=UNHURT)
+    right.set_title("driver", fontsize=10, color=INK, loc="left")
+    for axes in (left, right):
+        axes.set(xlabel="total Sobol index", xlim=(0, 1.08))
+        tidy(axes)
+    return figure
+
+
+def of_pitch() -> Figure:
+    """Draw how often the driver fails, by the camera's pitch and height."""
+    heading, *rows = named(DOCS / "results" / "parameters.md", "camera")
+    figure = new_figure(7.2, 2.9)
+    axes = figure.subplots()
+    rates = [[float(cell.removesuffix("%")) for cell in row[2:]] for row in rows]
+    axes.imshow(rates, cmap="Oranges", vmin=0, vmax=130, aspect="auto")
+    for i, row in enumerate(rates):
+        for j, rate in enumerate(row):
+            axes.text(j, i, f"{rate:.0f} %", ha="center", va="center", fontsize=9, color="#111111")
+    axes.set_xticks(range(len(heading) - 2), labels=heading[2:])
+    axes.set_yticks(range(len(rows)), labels=[f"{row[0]}, camera {row[1]}" for row in rows])
+    axes.set_xlabel("camera pitch")
+    tidy(axes)
+    return figure
+
+
 def of_designs(page: str) -> Figure:
     """Draw the criterion of the designs on an appendix, the defaults in colour."""
     text = (DOCS / "adversaries" / f"{page}.md").read_text("utf-8")
@@ -225,6 +262,8 @@ def main() -> None:
         "results-rl": of_rl(),
         "results-agents": of_agents(),
         "results-paper": of_paper(),
+        "results-parameters": of_parameters(),
+        "results-pitch": of_pitch(),
         "comparison": of_tools(),
         "designs-bbgan": of_designs("appendix-bbgan"),
         "designs-rl": of_designs("appendix-reinforcement-learning"),
