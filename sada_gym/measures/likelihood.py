@@ -18,7 +18,7 @@ _ALL_HELD, _OFTEN = 0.995, 0.05
 
 
 class RiskShare(Strict):
-    """How much of the probability lies in a weakness of the diagnosis; 0 numbers those in none."""
+    """How much of the probability lies in a weakness of the diagnosis; number 0: outside all."""
 
     number: int
     text: OneLine
@@ -67,16 +67,16 @@ class FailureEstimate(Strict):
         failures: How many of these failed.
         plain: How many of these are plain draws of ordinary use, wherever failures are expected.
         plain_failures: How many plain draws failed.
-        effective: How many failures in plain draws would tell as much.
-        unseen: With 95 % confidence a region where the agent fails, but no query and no plain draw
-            did, is at most so likely.
+        effective: How many failures in plain draws would be as informative.
+        unseen: With 95 % confidence a region of failures in which no query and no plain draw lay
+            has at most this probability.
         shares: How much of the probability lies in each weakness of the run's diagnosis, the most
             first; none without one.
         density: The density of ordinary use.
         seed: Fixes the draws.
-        to_halve: About so many more queries halve the interval.
+        to_halve: About how many more queries halve the interval.
         beside: Another agent in the same worlds, where that was asked for.
-        per: So many uses are told together.
+        per: The number of uses that the count of failures refers to.
         unit: What an episode is, where an episode is a use.
     """
 

@@ -94,7 +94,7 @@ def estimate(
         beside: Another agent, which is evaluated in the same worlds with the same seeds, so that
             there are twice as many evaluations: its name or file, with an id or a run of one; or a
             run, its folder, an application or a TOML file that holds it.
-        per: Tells the failures in so many episodes.
+        per: The number of episodes that the count of failures refers to.
         unit: What an episode is, such as `flights`, where an episode is a use.
         on_scores: Gets the number of scores so far, of all, and of those from the store.
 
