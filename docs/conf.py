@@ -47,6 +47,7 @@ html_theme = "furo"
 pygments_dark_style = "github-dark"  # Furo's underlines the names of modules, like links
 html_static_path = ["_static"]
 html_css_files = ["sada.css"]
+html_domain_indices = False  # an index of modules; the search finds them as well
 html_title = f"sada_gym {release}"
 
 default_role = "code"
