@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 DOCS, IMAGES = ROOT / "docs", ROOT / "docs" / "images"
 MARKS = "osD^v"
+ON_ORANGE = "#111111"  # in the dark, too
 COLOURS = (FOOLED, UNHURT, MUTED, INK, "#009e73")
 Table = dict[str, list[str]]
 
@@ -42,7 +43,7 @@ def bars(axes: Axes, labels: list[str], values: list[float], form: str, **look: 
     places = range(len(labels))
     axes.barh(places, values, **look)
     for place, value in zip(places, values, strict=True):
-        axes.text(value, place, f" {value:{form}}", va="center", fontsize=8, color=INK)
+        axes.text(value, place, f" {value:{form}}", va="center", fontsize=8, color=ink)
     axes.set_yticks(places, labels=labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)
 
@@ -111,10 +112,10 @@ def of_agents() -> Figure:
     labels = [f"{row[1]} ({row[0].lower()})" for row in rows]
     figure = new_figure(7.2, 3.3)
     axes = figure.subplots()
-    for adversary, colour in (("level-set", FOOLED), ("random", UNHURT)):
+    for adversary, colour, ink in (("level-set", FOOLED, INK), ("random", UNHURT, ON_ORANGE)):
         values = [float(row[heading.index(adversary)]) for row in rows]
         name = "random worlds" if adversary == "random" else f"worlds of {adversary}"
-        bars(axes, labels, values, "g", height=0.75, color=colour, label=name)
+        bars(axes, labels, values, "g", ink, height=0.75, color=colour, label=name)
     axes.set(xlabel="worlds in which the agent fails, %", xlim=(0, 106))
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=8)
     tidy(axes)
@@ -210,7 +211,7 @@ def of_pitch() -> Figure:
     axes.imshow(rates, cmap="Oranges", vmin=0, vmax=130, aspect="auto")
     for i, row in enumerate(rates):
         for j, rate in enumerate(row):
-            axes.text(j, i, f"{rate:.0f} %", ha="center", va="center", fontsize=9, color="#111111")
+            axes.text(j, i, f"{rate:.0f} %", ha="center", va="center", fontsize=9, color=ON_ORANGE)
     axes.set_xticks(range(len(heading) - 2), labels=heading[2:])
     axes.set_yticks(range(len(rows)), labels=[f"{row[0]}, camera {row[1]}" for row in rows])
     axes.set_xlabel("camera pitch")
