@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from sada_gym import make_application
 from sada_gym.envs.flight.frame import summary
 from sada_gym.envs.flight.start import NOMINAL, PARAMETERS
+from tools.side_by_side import differing, save
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 TRACK, SEED = "SADA-Flight-C310-v0", 1
@@ -23,8 +23,9 @@ def mu_of(**changed: float) -> np.ndarray:
 def main() -> None:
     """Draw a flight that holds beside one that stalls."""
     application = make_application(TRACK)
-    frames = [summary(application.rollouts(mu, SEED)) for mu in (NOMINAL, mu_of(**SINKING))]
-    Image.fromarray(np.hstack(frames)).save(IMAGES / "flight.png", optimize=True)
+    worlds = NOMINAL, mu_of(**SINKING)
+    frames = [summary(application.rollouts(mu, SEED)) for mu in worlds]
+    save(frames, differing(PARAMETERS, *worlds), IMAGES / "flight.png")
 
 
 if __name__ == "__main__":

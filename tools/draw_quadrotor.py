@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from sada_gym import make_application
 from sada_gym.envs.quadrotor.frame import summary
 from sada_gym.envs.quadrotor.start import PARAMETERS
+from tools.side_by_side import differing, save
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 TRACK, SEED = "SADA-Quadrotor-X500-v0", 1
@@ -24,8 +24,9 @@ def mu_of(**changed: float) -> np.ndarray:
 def main() -> None:
     """Draw a flight that follows beside one that does not."""
     application = make_application(TRACK)
-    frames = [summary(application.rollouts(mu, SEED)) for mu in (mu_of(), mu_of(**SHAKING))]
-    Image.fromarray(np.hstack(frames)).save(IMAGES / "quadrotor.png", optimize=True)
+    worlds = mu_of(), mu_of(**SHAKING)
+    frames = [summary(application.rollouts(mu, SEED)) for mu in worlds]
+    save(frames, differing(PARAMETERS, *worlds), IMAGES / "quadrotor.png")
 
 
 if __name__ == "__main__":
