@@ -38,7 +38,9 @@ def named(page: Path, heading: str) -> list[list[str]]:
     return next(table for table in tables(page) if heading in table[0])
 
 
-def bars(axes: Axes, labels: list[str], values: list[float], form: str, **look: object) -> None:
+def bars(
+    axes: Axes, labels: list[str], values: list[float], form: str, ink: str = INK, **look: object
+) -> None:
     """Draw horizontal bars from the top down, each with its value."""
     places = range(len(labels))
     axes.barh(places, values, **look)
@@ -112,7 +114,8 @@ def of_agents() -> Figure:
     labels = [f"{row[1]} ({row[0].lower()})" for row in rows]
     figure = new_figure(7.2, 3.3)
     axes = figure.subplots()
-    for adversary, colour, ink in (("level-set", FOOLED, INK), ("random", UNHURT, ON_ORANGE)):
+    shown = (("level-set", FOOLED, INK), ("random", UNHURT, ON_ORANGE))
+    for adversary, colour, ink in shown:
         values = [float(row[heading.index(adversary)]) for row in rows]
         name = "random worlds" if adversary == "random" else f"worlds of {adversary}"
         bars(axes, labels, values, "g", ink, height=0.75, color=colour, label=name)
