@@ -103,8 +103,8 @@ def span(axes: Axes, side: Literal["x", "y"], parameter: Parameter) -> None:
     elif parameter.log:
         ticks = parameter.round_values(5)
         axis.set_ticks(parameter.shares(ticks), labels=list(map(number, ticks.tolist())))
-    elif parameter.whole:
-        axis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
+    else:
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10], integer=parameter.whole))
 
 
 def bins_of(parameter: Parameter) -> Floats:

@@ -199,7 +199,7 @@ def _sentence(
             every = "Every" if anywhere.fooled == anywhere.samples else "Nearly every"
             return (
                 f"{every} world fails: {rate_text(anywhere)} of uniform worlds fool the agent. "
-                "Look at where it works instead."
+                "Look for where it succeeds."
             )
         return (
             f"Nowhere in particular: no rule of a few conditions holds for many more of the "
