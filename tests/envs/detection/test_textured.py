@@ -14,7 +14,7 @@ from sada_gym.envs.detection.shapes import DIAGONAL, Material, find_shapes, fing
 from sada_gym.errors import FileError, UserError
 
 CLASSES = sorted({model.object_class for model in textured.listed_models()})
-PAGE = Path(__file__).parents[3] / "docs/environments/detection-models.md"
+PAGE = Path(__file__).parents[3] / "docs/environments/textured-models.md"
 OBJ = """mtllib side.mtl
 v 0 0 0
 v 1 0 0
