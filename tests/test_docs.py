@@ -331,7 +331,7 @@ def _read(name: str) -> str:
 
 
 def test_every_class_and_style_is_documented() -> None:
-    detection = _read("docs/environments/detection.md")
+    detection = _read("docs/environments/detection-worlds.md")
     for name in CLASSES:
         shapes = [shape.name.partition("/")[2] for shape in benchmark_shapes(name)]
         styles = dict.fromkeys(shape.rpartition("-")[0] for shape in shapes)
