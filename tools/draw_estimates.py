@@ -1,4 +1,4 @@
-"""Draw docs/images/estimates.png: estimated probabilities beside the true ones.
+"""Draw docs/images/estimates.svg: estimated probabilities beside the true ones.
 
     python -m tools.draw_estimates
 
@@ -14,12 +14,12 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 
-from sada_gym.analyses.plots.style import new_figure, png, tidy
+from sada_gym.analyses.plots.style import new_figure, svg, tidy
 from sada_gym.foundations.drawing import own_style
 from sada_gym.foundations.frames import INK, VERMILLION
 from studies.rare import QUERIES, Outcome, in_rounds, now, numbers_of, plain, problems
 
-OUT = Path(__file__).parents[1] / "docs" / "images" / "estimates.png"
+OUT = Path(__file__).parents[1] / "docs" / "images" / "estimates.svg"
 OURS, PLAIN = VERMILLION, "#94a1ae"
 LEAST = 1e-7
 """Where the axis begins; 0 is drawn here."""
@@ -62,7 +62,7 @@ def main() -> None:
     ):
         axes.text(0.99, y, label, color=colour, transform=axes.transAxes, ha="right", fontsize=12)
     tidy(axes)
-    OUT.write_bytes(png(figure))
+    OUT.write_bytes(svg(figure))
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ class CocoDetectionApplication(DetectionApplication):
     ## Arguments
     Those of SADA-Detection, with these defaults: `agent` is `coco-centernet`, `shapes` is
     `textured` and `image_size` is 320. Detector and models have to be installed once; without them
-    the id says by which lines.
+    the id names the commands.
 
     ## Version History
     - v0: initial version.

@@ -20,7 +20,7 @@ class FlightApplication(SimulatorApplication[FlightEpisodes]):
     JSBSim, the flight dynamics that FlightGear and industry use, brings the aircraft and, in their
     own files, their autopilots, which others made: a Cessna 172P, a Cessna 310 and a
     Bombardier Global 5000. A flight of two minutes begins in level flight at 5,000 ft, heading
-    east. After 10 s the autopilot is told another altitude and another heading. The crew holds the
+    east. After 10 s the autopilot is given another altitude and another heading. The crew holds the
     airspeed by the throttle and does nothing else. The adversary sets the load, the air, ice, the
     manoeuvre and faults of the autopilot's servos. The score Q is the share of the last 40 s in
     which altitude and heading are within 100 ft and 10° of what is commanded; it is 0 after a

@@ -53,7 +53,7 @@ class Go2Application(SimulatorApplication[Go2Episodes]):
     | 3 | payload on the back | 0 | 8 | kg |
     | 4 | how far ahead of the trunk's middle the payload lies | -0.19 | 0.19 | m |
     | 5 | how far to its left | -0.05 | 0.05 | m |
-    | 6 | push of 0.2 s: what it would change the speed by, if the robot flew | 0 | 2 | m/s |
+    | 6 | push of 0.2 s: the change of speed that it would give in the air | 0 | 2 | m/s |
     | 7 | where the push drives the robot: 0 is ahead, 90 to the left | -180 | 180 | deg |
     | 8 | time constant of the motors' torques | 0.01 | 0.02 | s |
     | 9 | strength of the motors | 0.7 | 1.3 | |
