@@ -9,9 +9,7 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 
-from sada_gym.envs.carla.application import CarlaDrivingApplication
 from sada_gym.envs.carla.routes import find_routes
 
 ROOT = Path(__file__).parents[1]
@@ -36,25 +34,12 @@ def town(axes: plt.Axes) -> None:
 
 
 def main() -> None:
-    """Draw both pictures."""
+    """Draw the town for its page and for the gallery."""
     fake_carla.start()
-    application = CarlaDrivingApplication("straight", agent=fake_carla.lane_driver, agent_id="lane")
-    worlds = {
-        "1.4 m, -15°, ClearNoon": (1.4, -15.0, 0.5),
-        "2 m, -10°, ClearNoon": (2.0, -10.0, 0.5),
-        "1.4 m, -15°, SoftRainSunset": (1.4, -15.0, 5.5),
-    }
-    figure = plt.figure(figsize=(10, 4.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.9, 1))
-    town(above.subplots())
-    for axes, (title, world) in zip(below.subplots(1, 3), worlds.items(), strict=True):
-        axes.imshow(application.render(application.parameters.normalised(np.array(world)), 0))
-        axes.set_title(title, fontsize=10)
-        axes.set_axis_off()
-    figure.savefig(IMAGES / "carla.png", dpi=100)
-    card = plt.figure(figsize=(4.8, 3.0), layout="constrained")
-    town(card.subplots())
-    card.savefig(IMAGES / "gallery-carla.png", dpi=100)
+    for name, size in {"carla": (10, 4.4), "gallery-carla": (4.8, 3.0)}.items():
+        figure = plt.figure(figsize=size, layout="constrained")
+        town(figure.subplots())
+        figure.savefig(IMAGES / f"{name}.png", dpi=100)
 
 
 if __name__ == "__main__":
