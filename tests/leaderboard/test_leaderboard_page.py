@@ -57,7 +57,8 @@ def test_the_study_becomes_an_entry(tmp_path, monkeypatch, optuna):
     (code,) = re.findall(r"```python\n(import numpy as np\nimport optuna.*?)```", PAGE, re.DOTALL)
     code = code.replace("range(3)", "range(1)").replace("budget=1_000", "budget=260")
     exec(compile(code, "leaderboard.md", "exec"), {})
-    (command,) = re.findall(r"^sada-gym (submit --samples .*)$", PAGE, re.MULTILINE)
+    joined = PAGE.replace("\\\n", "")
+    (command,) = re.findall(r"^sada-gym (submit --samples .*)$", joined, re.MULTILINE)
     command = re.sub(r"--samples mu[12]\.npy ", "", command).replace("1000", "260")
     with pytest.raises(SystemExit) as stopped:
         app(shlex.split(command))
