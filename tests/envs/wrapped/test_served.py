@@ -84,6 +84,8 @@ def serving(environment, *options):
         stderr=subprocess.PIPE,
         text=True,
         cwd=SUPPORT,
+        # a shell in the background lets its programs ignore it
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         line = program.stderr.readline()
