@@ -15,7 +15,7 @@ import numpy.typing as npt
 from sada_gym.application import INVALID_SCORE, OnError
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation import watch
-from sada_gym.evaluation.executors import count_workers, engine_errors
+from sada_gym.evaluation.executors import count_workers, engine_errors, lost_its_worker
 from sada_gym.evaluation.problems import Answer
 from sada_gym.evaluation.workers import PortableScorer, WorkerPool, evaluate_if_loadable
 from sada_gym.parameters import Mu
@@ -155,7 +155,12 @@ class Dispatcher:
     def _collect(self, waiting: deque[Chunk], pending: Pending, settle: Settle) -> None:
         for future in self._wait(pending):
             chunk = pending[future]
-            scores = future.result()
+            try:
+                scores = future.result()
+            except (TypeError, ValueError) as error:
+                if not lost_its_worker(error):
+                    raise
+                scores = None  # evaluated again, by a worker that may lack the payload
             del pending[future]
             self._show_warnings()
             if scores is None:

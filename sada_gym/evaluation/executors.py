@@ -144,6 +144,17 @@ def engine_errors() -> tuple[type[BaseException], ...]:
     return tuple(errors)
 
 
+def lost_its_worker(error: BaseException) -> bool:
+    """Return whether Dask lost a finished result: its worker died, and nobody's code failed.
+
+    Dask's own future then fails to unpack the result, as if it were an exception with its parts.
+    """
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and trace.tb_frame.f_code.co_name == "_cascade_future"
+
+
 def _distributed() -> Any:
     try:
         import distributed

@@ -1,5 +1,6 @@
 """The oracle on executors that are not ours: the same scores to the last bit."""
 
+import asyncio
 import gc
 import os
 import signal
@@ -8,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -191,6 +192,45 @@ def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster, monkeypat
     with pytest.raises(WorkerError, match=r"lost its workers.*\(KilledWorker\).*resume the run"):
         scores(Deadly(), **settings)
     client_of(cluster).wait_for_workers(2, timeout=120)
+
+
+def test_a_result_that_dask_loses_with_its_worker_is_evaluated_again(expected):
+    cfexecutor = pytest.importorskip("distributed.cfexecutor")
+
+    class Result:
+        """A future of Dask whose worker died just after its result had come."""
+
+        status = "lost"
+
+        def __init__(self, answer):
+            self.answer = answer
+
+        async def _result(self, raiseit):
+            return self.answer
+
+    class Losing(ThreadPoolExecutor):
+        """Loses every second result, as Dask does."""
+
+        submitted = 0
+
+        def submit(self, function, *args):
+            self.submitted += 1
+            future = super().submit(function, *args)
+            if self.submitted % 2:
+                return future
+            lost = Future()
+            answer = future.result()
+            asyncio.run(lose(Result(answer), lost))
+            return lost
+
+    async def lose(result, lost):
+        await cfexecutor._cascade_future(result, lost)
+
+    with Losing(1) as executor:
+        workers = Workers(1, executor, chunk_size=10)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, workers=workers)
+    assert executor.submitted > 15
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_a_broken_loky_ends_with_a_sentence():
