@@ -2,8 +2,8 @@
 
     python -m studies.agents_in_use [NAME ...]
 
-Each under densities that are examples: 2,000 queries, and 5,000 to 20,000 plain draws. In brackets:
-95 % intervals. Each takes some minutes of a core.
+Each under densities that are examples: 2,000 queries, and 3,000 to 20,000 plain draws. In brackets:
+95 % intervals. Each takes 2 to 25 minutes of a core.
 """
 
 from __future__ import annotations
@@ -32,10 +32,35 @@ NORMAL: Mapping[str, Mapping[str, tuple[float, float]]] = {
         **{"gravity": (9.8, 0.1), "force_mag": (10.0, 1.0), "length": (0.5, 0.1)},
         **{"masspole": (0.1, 0.02), "delay": (0.3, 0.6), "noise": (0.02, 0.02)},
     },
+    "SADA-Robot-Warehouse-v0": {
+        **{
+            "floor_friction": (0.25, 0.03),
+            "payload_kg": (1.0, 0.5),
+            "payload_offset_m": (0.0, 0.02),
+        },
+        **{
+            "lidar_yaw_deg": (0.0, 5.0),
+            "lidar_offset_m": (0.0, 0.02),
+            "lidar_noise_m": (0.02, 0.02),
+        },
+        **{"lidar_dropout": (0.05, 0.1), "wheel_gain": (0.0, 0.03), "latency_s": (0.05, 0.05)},
+        "obstacle_density": (1.0, 0.3),
+    },
+    "SADA-Driving-Straight-v0": {"camera_height_m": (1.5, 0.1), "camera_pitch_deg": (-15.0, 1.0)},
+    "SADA-DetectionCoco-Motorbike-v0": {
+        "camera_distance": (10.0, 1.0),
+        "camera_pitch_deg": (5.0, 5.0),
+        "light_pitch_deg": (45.0, 10.0),
+    },
     "LunarLander": {"gravity": (-10.0, 0.5), "wind_power": (2.0, 2.0), "noise": (0.01, 0.01)},
 }
 """Mean and standard deviation of the parameters' normal densities; the others are uniform."""
-DRAWS: Mapping[str, int] = {"LunarLander": 5_000}
+DRAWS: Mapping[str, int] = {
+    "LunarLander": 5_000,
+    "SADA-Robot-Warehouse-v0": 5_000,
+    "SADA-Driving-Straight-v0": 3_000,
+    "SADA-DetectionCoco-Motorbike-v0": 5_000,
+}
 _USUAL_DRAWS = 20_000
 
 
