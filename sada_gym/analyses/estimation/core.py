@@ -181,12 +181,13 @@ def _found(
         low, high = gamma_interval(rate, variance, heaviest)
     else:
         low, high = exact_interval(int(failed.sum()), len(z))
-    effective = rate**2 / variance if variance > 0.0 else float(failed.sum())
+    effective = rate**2 / variance if variance > 0.0 else float((terms > 0.0).sum())
     refused = None
     if learnt and failed.any() and effective < _LEAST_EFFECTIVE:
+        share = float(terms.max()) / rate if rate else 1.0  # the weights of all underflowed
         refused = (
             f"it is as informative as {effective:.0f} failures of plain draws, and "
-            f"{percent(terms.max() / rate)} of it comes from one draw. Raise the budget"
+            f"{percent(share)} of it comes from one draw. Raise the budget"
         )
     valid = int(answers.valid[:plain].sum())
     if valid < plain:

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from sada_gym.analyses.estimation.core import Answers, estimate_probability
+from sada_gym.analyses.estimation.core import _found as counted
 from sada_gym.analyses.estimation.core import _guided as guided
 from sada_gym.analyses.estimation.interval import exact_interval, gamma_interval
 from sada_gym.analyses.estimation.model import Scale
@@ -130,6 +131,15 @@ def test_one_heavy_draw_is_refused(monkeypatch):
     tries = (guided(Normal(2), Blind(), ask, 400, np.random.default_rng(i)) for i in range(9))
     result = next(one for one in tries if 0 < one.failed.sum() < 5)
     assert "failures of plain draws" in result.refused
+
+
+def test_failures_whose_weights_underflow_are_refused_in_words():
+    everything = np.ones(4, np.bool_)
+    answers = Answers(np.zeros(4), everything, everything)
+    result = counted(np.zeros((4, 2)), np.zeros(4), answers, 2, 0.0, learnt=True)
+    assert result.probability == 0.0
+    assert result.interval[1] > 0.5
+    assert "0 failures of plain draws, and 100 % of it" in result.refused
 
 
 def test_the_interval_of_equal_weights_is_that_of_a_count():
