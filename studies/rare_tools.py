@@ -1,6 +1,6 @@
 """Small probabilities of failure by OpenTURNS, plain draws and `sada-gym estimate`, side by side.
 
-    python -m studies.rare_tools --runs 50 --ours 24 --store rare.csv
+    python -m studies.rare_tools --runs 50 --ours 200 --store docs/results/ordinary-use/judge.csv
 
 On the twenty problems of `studies.rare` on which nothing was chosen, with at most 2,000 queries a
 run. OpenTURNS comes with the extra `studies`. Its runs take a hundredth of a second; `--ours` are
@@ -159,9 +159,14 @@ CHOSEN = {
 """The settings with the least error beside that of plain draws on the other half."""
 
 
+def answers(runs: Sequence[Outcome]) -> Floats:
+    """Return the rates and intervals of runs, (n, 3); NaN without an answer, or if refused."""
+    return np.array([(np.nan,) * 3 if one.refused else one[:3] for one in runs])
+
+
 def answered(runs: Sequence[Outcome]) -> Floats:
     """Return the rates and intervals of the runs that gave one, (n, 3)."""
-    found = np.array([one[:3] for one in runs])
+    found = answers(runs)
     return found[np.isfinite(found[:, 0])]
 
 
@@ -169,10 +174,7 @@ def errors(runs: dict[int, list[Outcome]]) -> Floats:
     """Return the relative error on each problem, no answer being 0, (n,)."""
     every = problems()
     return np.array(
-        [
-            error(np.nan_to_num(np.array([run[:3] for run in of])), every[number].truth)
-            for number, of in runs.items()
-        ]
+        [error(np.nan_to_num(answers(of)), every[number].truth) for number, of in runs.items()]
     )
 
 
@@ -202,7 +204,7 @@ def summary(name: str, runs: dict[int, list[Outcome]]) -> Iterator[str]:
 def cell(problem: Problem, runs: Sequence[Outcome]) -> str:
     """Write the error, how often the interval held, and in how many runs there was no answer."""
     found = answered(runs)
-    text = f"{error(np.nan_to_num(np.array([run[:3] for run in runs])), problem.truth):.2f}"
+    text = f"{error(np.nan_to_num(answers(runs)), problem.truth):.2f}"
     if len(found):
         text += f", {100 * held(found, problem.truth).mean():.0f} %"
     none = len(runs) - len(found)
