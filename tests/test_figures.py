@@ -26,7 +26,7 @@ CARDS = sorted((ROOT / "sada_gym" / "envs").glob("*/agent/*.md"))
 MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
 DEFINED = {
     "appendix-diagnosis.md": {"5"},  # an option: the share of fresh worlds
-    "command-line.md": {"50", "60", "75", "16", "90"},  # an example that its first command prints
+    "attack.md": {"90"},  # the level of an interval
     "diagnosis.md": {"5"},  # an option: the share of fresh worlds
     "level-set.md": {"98"},  # an option
     "measures.md": {"50"},  # by definition
