@@ -1,4 +1,4 @@
-"""Draw the charts of the guides' appendices in docs/images, from the tables of their pages.
+"""Draw the charts of the guides and their appendices in docs/images, from their tables.
 
 python -m tools.draw_guides
 """
@@ -95,10 +95,65 @@ def of_sb3() -> Figure:
     return figure
 
 
+def of_worst_return() -> Figure:
+    """Draw the lowest return that each search found, by the number of parameters."""
+    figure = new_figure(7.2, 2.6)
+    panels = figure.subplots(1, 3, sharey=True)
+    whole, tenth = (one for one in tables(DOCS / "worst-return.md") if one[0][0] == "search")
+    names = [row[0] for row in whole[1:]]
+    for table, filled, shift in ((whole, True, -0.15), (tenth, False, 0.15)):
+        for column, heading in enumerate(table[0][1:], 1):
+            axes = panels[int(heading[0]) - 1]
+            for name, *cells in table[1:]:
+                if cells[column - 1] == "-":
+                    continue
+                mean, spread = map(float, cells[column - 1].split("±"))
+                place = names.index(name) + shift
+                colour = FOOLED if name == "bayesian" else UNHURT if "grid" in name else MUTED
+                ends = (max(0, mean - spread), mean + spread)
+                axes.plot(ends, (place, place), color=colour, lw=1.6, alpha=0.6)
+                face = colour if filled else "none"
+                axes.plot(mean, place, "o", ms=6, mec=colour, mfc=face)
+    for k, axes in enumerate(panels, 1):
+        axes.set_title(f"{k} parameter{'s' * (k > 1)}", fontsize=10, color=INK, loc="left")
+        axes.set(xlabel="return", xlim=(0, 3_400))
+        tidy(axes)
+    panels[0].set_yticks(range(len(names)), labels=names)
+    panels[0].invert_yaxis()
+    return figure
+
+
+def of_scale() -> Figure:
+    """Draw AFR and coverage of the adversaries that use the values of Q, by the scale of Q."""
+    (_, *scales), *rows = named(DOCS / "adversaries" / "scale.md", "rank Q")
+    figure = new_figure(7.2, 2.4)
+    panels = figure.subplots(1, 2, sharey=True)
+    colours = (FOOLED, UNHURT, MUTED, INK)
+    for k, axes in enumerate(panels):
+        for column, (scale, marker) in enumerate(zip(scales, "os^D", strict=True)):
+            values = [float(row[1 + column].split("/")[k]) * (1, 100)[k] for row in rows]
+            places = [place + 0.16 * (column - 1.5) for place in range(len(rows))]
+            shown = {"color": colours[column], "ms": 6, "label": scale}
+            axes.plot(values, places, marker, **shown)
+        axes.set(xlabel=("AFR, %", "coverage, % of ideal samples'")[k], xlim=(0, 105))
+        tidy(axes, grid="both")
+    panels[0].set_yticks(range(len(rows)), labels=[row[0] for row in rows])
+    panels[0].invert_yaxis()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
 @own_style()
 def main() -> None:
     """Draw them all."""
-    drawn = {"repair": of_repair(), "diagnosis": of_diagnosis(), "sb3": of_sb3()}
+    drawn = {
+        "repair": of_repair(),
+        "diagnosis": of_diagnosis(),
+        "sb3": of_sb3(),
+        "scale": of_scale(),
+        "worst-return": of_worst_return(),
+    }
     for name, figure in drawn.items():
         (DOCS / "images" / f"{name}.svg").write_bytes(svg(figure))
 
