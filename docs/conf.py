@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
+from PIL import Image, UnidentifiedImageError
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -49,6 +50,9 @@ html_static_path = ["_static"]
 html_css_files = ["sada.css"]
 html_domain_indices = False  # an index of modules; the search finds them as well
 html_title = f"sada_gym {release}"
+
+_FIGURES = 18
+"""Letters of the longest cell of a table that holds figures, such as `100 (98 to 100)`."""
 
 default_role = "code"
 # the contracts for pytest are documented where it is not installed, too
@@ -192,10 +196,37 @@ def shorten_functions(*arguments: Any) -> tuple[str, str | None] | None:
     return signature and (re.sub(r"=<function .*?>+", "=...", signature), returned)
 
 
+def mark(app: Sphinx, doctree: nodes.document) -> None:
+    """Tell the style sheet which pictures are charts on white, and which tables hold figures."""
+    for image in doctree.findall(nodes.image):
+        path = Path(app.srcdir, image["uri"].lstrip("/"))
+        if path.suffix == ".png" and path.is_file() and _is_on_white(path):
+            image["classes"].append("on-white")
+    for table in doctree.findall(nodes.table):
+        body = next(table.findall(nodes.tbody))
+        cells = [cell.astext() for row in body for cell in row[1:]]
+        if cells and max(map(len, cells)) <= _FIGURES:
+            table["classes"].append("figures")
+
+
+def _is_on_white(path: Path) -> bool:
+    """Say whether the outermost pixels of a picture are white, nearly all of them."""
+    try:
+        with Image.open(path) as picture:
+            grey = picture.convert("L")
+    except UnidentifiedImageError:
+        return False
+    right, bottom = grey.width - 1, grey.height - 1
+    top = [grey.getpixel((x, y)) for x in range(grey.width) for y in (0, bottom)]
+    sides = [grey.getpixel((x, y)) for y in range(grey.height) for x in (0, right)]
+    return sum(value > 250 for value in top + sides) > 0.9 * len(top + sides)
+
+
 def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("docstring", Docstring)
     app.add_directive("environment", Environment)
     app.add_directive("conditions", Conditions)
+    app.connect("doctree-read", mark)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)
     app.connect("autodoc-process-signature", shorten_functions)

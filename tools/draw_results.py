@@ -109,19 +109,24 @@ def of_rl() -> Figure:
 
 
 def of_agents() -> Figure:
-    """Draw how often agents fail by themselves and against an adversary."""
+    """Draw how often agents fail in random worlds and against an adversary, a line between."""
     heading, *rows = named(DOCS / "results" / "agents.md", "agent")
-    labels = [f"{row[1]} ({row[0].lower()})" for row in rows]
-    figure = new_figure(7.2, 3.3)
+    figure = new_figure(6.2, 3.8)
     axes = figure.subplots()
-    shown = (("level-set", FOOLED, INK), ("random", UNHURT, ON_ORANGE))
-    for adversary, colour, ink in shown:
-        values = [float(row[heading.index(adversary)]) for row in rows]
-        name = "random worlds" if adversary == "random" else f"worlds of {adversary}"
-        bars(axes, labels, values, "g", ink, height=0.75, color=colour, label=name)
-    axes.set(xlabel="worlds in which the agent fails, %", xlim=(0, 106))
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=8)
-    tidy(axes)
+    shown = (("random", UNHURT, "o", "random worlds"), ("level-set", FOOLED, "D", "level-set"))
+    rates = [[float(row[heading.index(name)]) for row in rows] for name, *_ in shown]
+    for place, ends in enumerate(zip(*rates, strict=True)):
+        axes.plot(ends, (place, place), color=MUTED, lw=1.2, zorder=1)
+    for values, (_, colour, mark, label), side in zip(rates, shown, ("right", "left"), strict=True):
+        axes.plot(values, range(len(rows)), mark, color=colour, ms=8, label=label)
+        for place, value in enumerate(values):
+            at = value + (2.5 if side == "left" else -2.5)
+            axes.text(at, place, f"{value:g}", ha=side, va="center", fontsize=9, color=INK)
+    axes.set(xlabel="worlds in which the agent fails, %", xlim=(0, 112), xticks=range(0, 101, 20))
+    axes.set_yticks(range(len(rows)), labels=[f"{row[1]} ({row[0].lower()})" for row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=9)
+    tidy(axes, grid="both")
     return figure
 
 
@@ -190,8 +195,8 @@ def of_parameters() -> Figure:
     page = DOCS / "results" / "parameters.md"
     detector = [row for row in named(page, "lowest of a class")[1:] if "planted" not in row[0]]
     driver = [row for row in tables(page)[-1][1:] if "planted" not in row[0]]
-    figure = new_figure(8.4, 3.2)
-    left, right = figure.subplots(1, 2)
+    figure = new_figure(6.2, 5.2)
+    left, right = figure.subplots(2, 1, height_ratios=(len(detector), len(driver)))
     labels = [row[0].removesuffix("_deg").replace("_", " ") for row in detector]
     bars(left, labels, [float(row[2]) for row in detector], ".2f", color=FOOLED)
     left.set_title("detector", fontsize=10, color=INK, loc="left")
@@ -200,8 +205,23 @@ def of_parameters() -> Figure:
     bars(right, names, [float(row[4]) for row in driver], ".2f", color=UNHURT)
     right.set_title("driver", fontsize=10, color=INK, loc="left")
     for axes in (left, right):
-        axes.set(xlabel="total Sobol index", xlim=(0, 1.08))
+        axes.set(xlim=(0, 1.08))
         tidy(axes)
+    right.set_xlabel("total Sobol index")
+    return figure
+
+
+def of_speed() -> Figure:
+    """Draw how long 500 queries and the test samples take on each application."""
+    heading, *rows = named(DOCS / "results" / "speed.md", "500 queries and M samples")
+    column = heading.index("500 queries and M samples")
+    figure = new_figure(6.2, 2.4)
+    axes = figure.subplots()
+    seconds = [float(row[column].removesuffix(" s")) for row in rows]
+    bars(axes, [row[0] for row in rows], seconds, "g", color=UNHURT)
+    axes.set(xscale="log", xlabel="seconds on one core", xlim=(0.05, 300))
+    axes.set_xticks((0.1, 1, 10, 100), labels=("0.1", "1", "10", "100"))
+    tidy(axes)
     return figure
 
 
@@ -268,6 +288,7 @@ def main() -> None:
         "results-paper": of_paper(),
         "results-parameters": of_parameters(),
         "results-pitch": of_pitch(),
+        "results-speed": of_speed(),
         "comparison": of_tools(),
         "designs-bbgan": of_designs("appendix-bbgan"),
         "designs-rl": of_designs("appendix-reinforcement-learning"),
