@@ -1,4 +1,4 @@
-"""Draw docs/images/over-time.png, the wind of the worlds that fail and of those that pass.
+"""Draw docs/images/over-time.svg, the wind of the worlds that fail and of those that pass.
 
     python -m tools.draw_over_time
 
@@ -15,11 +15,11 @@ import numpy as np
 
 from sada_gym import GymnasiumApplication
 from sada_gym.analyses.plots.curves import curves
-from sada_gym.analyses.plots.style import png
+from sada_gym.analyses.plots.style import svg
 from sada_gym.evaluations import Evaluations
 
 DOCS = Path(__file__).parents[1] / "docs"
-OUT = DOCS / "images" / "over-time.png"
+OUT = DOCS / "images" / "over-time.svg"
 WORLDS, SEED = 500, 0
 
 
@@ -44,7 +44,8 @@ def main() -> None:
     seeds = np.arange(WORLDS, dtype=np.uint64)
     score = application.evaluate(mu, seeds.tolist()).score
     figure = curves(application.parameters, Evaluations(mu, score, seeds), 0.5)
-    OUT.write_bytes(png(figure))
+    figure.suptitle("")  # the page's caption says it
+    OUT.write_bytes(svg(figure))
     print(f"{(score <= 0.5).sum()} of {WORLDS} worlds fail")
 
 
