@@ -21,6 +21,8 @@ from sada_gym.envs.driving.world.weather import NAMES
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 LENS = Lens(198, 450)
 BAR = 24
+TITLE, FOOT = 68, 34
+"""Pixels: the heights of a summary's texts, which captions say."""
 ROUTE = benchmark_routes("navigation")[0]
 POINT = 62
 """Of the route: a street, with a junction ahead."""
@@ -71,7 +73,8 @@ def drives() -> Image.Image:
     application = DrivingApplication("one_curve")
     good = summary(application.rollouts([-0.2, 0.0, -0.9], 7))
     bad = summary(application.rollouts([0.9, 0.8, 0.6], 3))
-    return Image.fromarray(np.hstack([good, np.full((len(good), 12, 3), 255, np.uint8), bad]))
+    both = np.hstack([good, np.full((len(good), 12, 3), 255, np.uint8), bad])
+    return Image.fromarray(both[TITLE:-FOOT])
 
 
 def main() -> None:

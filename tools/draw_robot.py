@@ -12,6 +12,8 @@ from sada_gym.envs.robot.start import PARAMETERS, Conditions
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED = 1
+TEXT = 230
+"""Pixels: the height of a summary's text, which captions say."""
 TURNED = Conditions(lidar_yaw_deg=27.0, obstacle_density=2.0, wheel_gain=0.1)
 """A turned lidar among many barrels: the robot is fooled."""
 
@@ -29,7 +31,8 @@ def main() -> None:
     nominal = np.zeros(len(PARAMETERS), np.float32)
     turned = mu_of(TURNED)
     for name, mu in (("arrived", nominal), ("fooled", turned)):
-        Image.fromarray(summary(application.rollouts(mu, SEED))).save(IMAGES / f"robot-{name}.png")
+        picture = summary(application.rollouts(mu, SEED))[TEXT:]
+        Image.fromarray(picture).save(IMAGES / f"robot-{name}.png")
     # half-way through one trip, with a good lidar and with the worst
     clear = mu_of(Conditions(lidar_noise_m=0.0, lidar_dropout=0.0))
     poor = mu_of(Conditions(lidar_noise_m=0.2, lidar_dropout=0.9))

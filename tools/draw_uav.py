@@ -19,6 +19,8 @@ from sada_gym.envs.uav.world.track import TEMPLATES, line
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 CELL, LABEL, TRACKS = 220, 24, 4
+PICTURE = 384
+"""Pixels: a summary's height without its text, which captions say."""
 INK = (31, 41, 51)
 
 
@@ -100,9 +102,9 @@ def main() -> None:
     application = UAVApplication(4, agent=agents.load(arguments.pilot, "SADA-UAV"))
     pictures["seen"] = seen(application)
     passed, failed = rollouts(application, rng)
-    pictures["passed"] = Image.fromarray(summary([passed]))
+    pictures["passed"] = Image.fromarray(summary([passed])[:PICTURE])
     if failed is not None:
-        pictures["failed"] = Image.fromarray(summary([failed]))
+        pictures["failed"] = Image.fromarray(summary([failed])[:PICTURE])
     for name, picture in pictures.items():
         picture.save(arguments.out / f"uav-{name}.png", optimize=True)
 
