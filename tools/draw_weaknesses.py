@@ -2,8 +2,7 @@
 
 python -m tools.draw_weaknesses
 
-The maps of the robot, the driver and the quadrotor are from their reference sets; the chart of the
-racing pilot is from the table of its page.
+The maps are from the reference sets; the chart of the racing pilot is from a table of its studies.
 """
 
 from __future__ import annotations
@@ -26,6 +25,14 @@ if TYPE_CHECKING:
 
 CELLS = 6
 MAPS = {
+    "detection": (
+        ("camera_azimuth_deg", "camera_pitch_deg"),
+        {"SADA-Detection-Car-v0": ""},
+    ),
+    "digits": (
+        ("rotation_deg", "scale"),
+        {"SADA-Digits-3-v0": "digit 3", "SADA-Digits-7-v0": "digit 7"},
+    ),
     "robot": (("lidar_yaw_deg", "wheel_gain"), {"SADA-Robot-Warehouse-v0": ""}),
     "driving": (
         ("camera_pitch_deg", "camera_height_m"),
