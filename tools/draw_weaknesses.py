@@ -63,7 +63,7 @@ def draw_map(axes: Axes, track: str, across: str, up: str) -> None:
     rates = 100 * fooled / counted
     axes.imshow(rates, cmap="Oranges", vmin=0, vmax=130, aspect="auto", origin="lower")
     for (i, j), rate in np.ndenumerate(rates):
-        axes.text(j, i, f"{rate:.0f}", ha="center", va="center", fontsize=9, color=ON_ORANGE)
+        axes.text(j, i, f"{rate:.0f}", ha="center", va="center", fontsize=10, color=ON_ORANGE)
     for side, parameter in (("x", space[x]), ("y", space[y])):
         values = parameter.values((edges[[0, CELLS // 2, CELLS]] + 1) / 2)
         axes.set(**{f"{side}label": axis_label(parameter)})
@@ -76,7 +76,7 @@ def draw_map(axes: Axes, track: str, across: str, up: str) -> None:
 def maps(page: str) -> Figure:
     """Draw the maps of one page beside each other."""
     (across, up), tracks = MAPS[page]
-    figure = new_figure(3.3 * max(len(tracks), 1.4), 3.1)
+    figure = new_figure(2.6 * max(len(tracks), 1.6), 2.8)
     panels = figure.subplots(1, len(tracks), sharey=True, squeeze=False)[0]
     for axes, (track, title) in zip(panels, tracks.items(), strict=True):
         draw_map(axes, track, across, up)
