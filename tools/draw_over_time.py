@@ -43,7 +43,7 @@ def main() -> None:
     mu = rng.uniform(-1.0, 1.0, (WORLDS, len(application.parameters))).astype(np.float32)
     seeds = np.arange(WORLDS, dtype=np.uint64)
     score = application.evaluate(mu, seeds.tolist()).score
-    figure = curves(application.parameters, Evaluations(mu, score, seeds), 0.5)
+    figure = curves(application.parameters, application.curves, Evaluations(mu, score, seeds), 0.5)
     figure.suptitle("")  # the page's caption says it
     OUT.write_bytes(svg(figure))
     print(f"{(score <= 0.5).sum()} of {WORLDS} worlds fail")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.analyses.plots.curves import curves, curves_of
+from sada_gym.analyses.plots.curves import curves
 from sada_gym.analyses.plots.failure_sheet import png_of
 from sada_gym.analyses.plots.failures import NotDrawnError, draw_failures
 from sada_gym.analyses.plots.influence import influence
@@ -84,8 +84,8 @@ def draw_attack(
         figures["influence.png"] = influence(space, model, samples, threshold)
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
-    if curves_of(space):
-        figures["curves.png"] = curves(space, worlds, threshold)
+    if found := getattr(application, "curves", {}):
+        figures["curves.png"] = curves(space, found, worlds, threshold)
     if spheres_of(space):
         figures["sphere.png"] = sphere(space, samples, threshold)
     for name, figure in figures.items():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,27 +22,24 @@ from sada_gym.foundations.frames import INK
 from sada_gym.parameters import ParameterSpace
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_KNOT = re.compile(r"(.+)\[(\d+)\]")
+    from sada_gym.foundations.arrays import Floats
+
 _BAND = (0.1, 0.5, 0.9)
 _FEWEST, _COLUMNS = 2, 3
 
 
-def curves_of(space: ParameterSpace) -> dict[str, list[int]]:
-    """Return the parameters that are the knots of a curve, in their order, by the curve's name."""
-    found: dict[str, list[int]] = {}
-    for i, name in enumerate(space.names):
-        match = _KNOT.fullmatch(name)
-        if match and int(match[2]) == len(found.get(match[1], [])):
-            found.setdefault(match[1], []).append(i)
-    return {name: knots for name, knots in found.items() if len(knots) > 1}
-
-
 @own_style()
-def curves(space: ParameterSpace, worlds: Evaluations, threshold: float) -> Figure:
-    """Draw of each curve the band that holds 80 % of failures, and that of passes."""
-    found, fooled = curves_of(space), worlds.fooled(threshold)
+def curves(
+    space: ParameterSpace, found: Mapping[str, Any], worlds: Evaluations, threshold: float
+) -> Figure:
+    """Draw of each curve the band that holds 80 % of failures, and that of passes.
+
+    `found` are the bindings with knots by their names; those of a parameter are NAME[0] and so on.
+    """
+    fooled = worlds.fooled(threshold)
     columns = min(_COLUMNS, len(found))
     rows = -(-len(found) // columns)
     figure = new_figure(4.2 * columns + 0.6, 2.6 * rows + 0.9)
@@ -50,21 +47,24 @@ def curves(space: ParameterSpace, worlds: Evaluations, threshold: float) -> Figu
     for axes in grid.flat[len(found) :]:
         axes.set_visible(False)
     values = space.physical(worlds.mu)
-    for axes, knots in zip(grid.flat, found.values(), strict=False):
-        way = np.linspace(0.0, 100.0, len(knots))
+    for axes, (name, binding) in zip(grid.flat, found.items(), strict=False):
+        knots = [space.names.index(f"{name}[{i}]") for i in range(binding.knots)]
         parameter = space.parameters[knots[0]]
-        for these, colour, dashes, name in (
+        for these, colour, dashes, what in (
             (~fooled, UNHURT, (0, (4, 2)), "pass"),
             (fooled, FOOLED, "-", "fail"),
         ):
             if these.sum() < _FEWEST:
                 continue
             levels = np.quantile(values[these][:, knots], _BAND, axis=0)
-            low, middle, high = (places(parameter, level) for level in levels)
-            axes.fill_between(way, low, high, color=colour, alpha=0.25, linewidth=0)
-            label = f"{these.sum():,} worlds {name}"
-            axes.plot(way, middle, color=colour, linestyle=dashes, linewidth=1.6, label=label)
-        axes.set_xlabel("time in the episode (%)")
+            band = [places(parameter, level) for level in levels]
+            style = {
+                "color": colour,
+                "linestyle": dashes,
+                "label": f"{these.sum():,} worlds {what}",
+            }
+            _draw(axes, binding.curve == "steps", band, style)
+        axes.set_xlabel(f"share of {binding.over:,} steps (%)")
         axes.set_ylabel(axis_label(parameter).replace("[0]", ""))
         axes.set_xlim(0, 100)
         span(axes, "y", parameter)
@@ -74,3 +74,14 @@ def curves(space: ParameterSpace, worlds: Evaluations, threshold: float) -> Figu
     title = "Over the episode: medians, and bands of 80 %"
     figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
     return figure
+
+
+def _draw(axes: Axes, in_steps: bool, band: list[Floats], style: dict[str, Any]) -> None:
+    """Draw a median between two others, from knot to knot, or constant for a part each."""
+    if in_steps:  # the last part ends where the way does
+        band = [np.append(values, values[-1]) for values in band]
+    way, where = np.linspace(0.0, 100.0, len(band[0])), "post" if in_steps else None
+    low, middle, high = band
+    axes.fill_between(way, low, high, color=style["color"], alpha=0.25, linewidth=0, step=where)
+    drawstyle = "steps-post" if in_steps else "default"
+    axes.plot(way, middle, drawstyle=drawstyle, linewidth=1.6, **style)

@@ -349,6 +349,11 @@ class GymnasiumApplication(EpisodePictures):
         self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return bindings
 
+    @property
+    def curves(self) -> dict[str, ParameterBinding]:
+        """The bindings whose value is a curve over the episode, by their names."""
+        return {key: b for key, b in self.episode_spec.bindings.items() if b.knots is not None}
+
     def stepwise(self) -> GymnasiumApplication:
         """Return a copy whose parameters each have a value of their own in every step.
 
@@ -360,7 +365,10 @@ class GymnasiumApplication(EpisodePictures):
         fixed = [
             key
             for key, b in spec.bindings.items()
-            if not b.varies or b.knots is not None or b.count != 1 or getattr(b, "passes", False)
+            if not b.varies
+            or b.knots is not None
+            or b.count != 1
+            or not getattr(b, "holds_always", True)
         ]
         if fixed or limit is None or self._feasible.conditions or self._episode_count > 1:
             raise UserError(

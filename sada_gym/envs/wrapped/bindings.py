@@ -113,7 +113,7 @@ class ParameterBinding(ABC):
         if not self.varies:
             raise UserError(
                 f"Expected knots for what may change during an episode, got {name!r}, a "
-                f"{type(self).__name__}, which is set before it. Use an Attribute or a Function."
+                f"{type(self).__name__}, which has one value in it. Leave knots out."
             )
         if self.angle or self.directions or (self.choices and self.curve != "steps"):
             raise UserError(
@@ -125,9 +125,9 @@ class ParameterBinding(ABC):
                 f"Expected over= of {name!r}, the steps that its {self.knots} knots lie over, "
                 "because no limit of steps is known. Write over=500."
             )
-        if self.over is not None:
-            check_integer(f"over of {name!r}", self.over, self.knots)
-        return self if self.over is not None else replace(self, over=limit)
+        over = limit if self.over is None else self.over
+        check_integer(f"the steps of {name!r}, over which its knots lie,", over, self.knots)
+        return replace(self, over=over)
 
     @property
     def count(self) -> int:

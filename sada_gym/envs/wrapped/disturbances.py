@@ -20,7 +20,7 @@ from gymnasium import spaces
 from sada_gym.envs.wrapped.bindings import ParameterBinding
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.profiles import Profile
-from sada_gym.errors import UserError, check_integer, check_known
+from sada_gym.errors import UserError, UserTypeError, check_integer, check_known
 from sada_gym.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -58,6 +58,9 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
     def _rewards(self) -> list[float]:
         rewards: list[float] = self.get_wrapper_attr("rewards")
         return rewards
+
+    def leave(self) -> None:
+        """Undo what the episode has changed in an environment that others will have."""
 
     @property
     def most(self) -> Any:
@@ -102,9 +105,12 @@ class ChangedObservations(EpisodeWrapper, gym.ObservationWrapper[Any, Any, Any])
         noisy = clean + more
         if box.dtype.kind in "iu":
             noisy = np.rint(noisy)
-        # an environment may leave its own bounds: only a disturbance does not
-        low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
-        return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
+        return self.bounded(noisy, number, key).astype(np.asarray(number).dtype)
+
+    def bounded(self, values: Any, number: Any, key: str | None) -> Any:
+        """Return values within the bounds of the Box, or its numbers, which may lie outside."""
+        box, clean = self._boxes[key], np.asarray(number, np.float64)
+        return np.clip(values, np.minimum(box.low, clean), np.maximum(box.high, clean))
 
     def at_entries(self, values: Any) -> Any:
         """Return values at the entries that change, and zeros elsewhere."""
@@ -283,6 +289,16 @@ class Disturbance(ParameterBinding):
         return [*(self.choices or self._range(name))]
 
 
+def check_entries(name: str, entries: Any, box: spaces.Box[Any]) -> None:
+    """Raise `UserError` unless they are entries of a flattened Box, or None."""
+    if entries is not None and not isinstance(entries, tuple | list):
+        raise UserTypeError(
+            f"Expected entries of {name!r} as a tuple such as (0, 2), got {entries!r}."
+        )
+    for entry in entries or ():
+        check_integer(f"the entries of {name!r}", entry, 0, int(np.prod(box.shape)) - 1)
+
+
 @dataclass(frozen=True)
 class Sensor(Disturbance):
     """What happens to the numbers of a Box, or to those of all Boxes of floats in a Dict.
@@ -312,12 +328,11 @@ class Sensor(Disturbance):
         boxes = self.boxes(space)
         if not boxes or not all(isinstance(box, spaces.Box) for box in boxes.values()):
             raise UserError(
-                f"Expected observations of numbers (Box) in {factory.name} for the noise {name!r}, "
+                f"Expected observations of numbers (Box) in {factory.name} for {name!r}, "
                 f"got {space}. Use ObservationDropout or ObservationDelay, which fit all."
             )
         for box in boxes.values():
-            for entry in self.entries or ():
-                check_integer(f"the entries of {name!r}", entry, 0, int(np.prod(box.shape)) - 1)
+            check_entries(name, self.entries, box)
 
     def boxes(self, space: spaces.Space[Any]) -> dict[str | None, Any]:
         """Return the Boxes that it changes by their keys."""

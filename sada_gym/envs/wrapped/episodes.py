@@ -23,7 +23,7 @@ from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
 from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOption
 from sada_gym.envs.wrapped.derived import Derived, update_mujoco
-from sada_gym.envs.wrapped.disturbances import Disturbance
+from sada_gym.envs.wrapped.disturbances import Disturbance, EpisodeWrapper
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.profiles import Profile, now
@@ -357,7 +357,16 @@ class RunningEpisode:
         """Close the environment, or give it back."""
         env, self.env = self.env, None
         if env is not None and self._spec.kept is not None and not self.broken:
-            self._spec.kept.give_back(self._recorder.env, self._render_mode)
+            layer: Any = env
+            try:
+                while layer is not self._recorder:
+                    if isinstance(layer, EpisodeWrapper):
+                        layer.leave()
+                    layer = layer.env
+            except InvalidWorld:  # it is not as it was, so that no other episode may have it
+                env.close()
+            else:
+                self._spec.kept.give_back(self._recorder.env, self._render_mode)
         elif env is not None:
             with suppress(Exception) if self.broken else nullcontext():
                 env.close()
@@ -377,6 +386,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._world = f"with {dict(start.values)}"
         self._most_steps = MOST_STEPS if spec.factory.max_steps == "own" else np.inf
         self.rewards: list[float] = []
+        self.events: list[Any] = []
         self._observations: list[Any] = []
         self._actions: list[Any] = []
         self._infos: list[Mapping[str, Any]] = []

@@ -19,6 +19,7 @@ from sada_gym.envs.wrapped.disturbances import (
     EpisodeWrapper,
     Generator,
     Sensor,
+    check_entries,
     drawn_action,
 )
 from sada_gym.envs.wrapped.factory import EnvFactory, function_name
@@ -27,7 +28,6 @@ from sada_gym.errors import (
     InvalidWorld,
     UserError,
     UserTypeError,
-    check_integer,
     check_known,
     explained,
 )
@@ -54,25 +54,49 @@ class Passing(EpisodeWrapper):
 class _Switched(Passing):
     """Calls a function when an event begins, and what it returned when the event ends."""
 
-    begin: Callable[[Any, Any], Any]
+    function: Callable[[Any, Any], Any]
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._undo: Any = None
-        self._begun = False
+        self._under_way: list[_Switched] = self.get_wrapper_attr("events")
         return super().reset(**kwargs)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        changes = self.active != self._begun
-        if changes:
-            self._begun = self.active
-            what = "begin" if self._begun else "end"
-            expected = f"Expected {function_name(self.begin)} to {what} an event"
-            with explained(expected, kind=InvalidWorld):
-                if self._begun:
-                    self._undo = self.begin(self.unwrapped, self.value)
-                elif self._undo is not None:
-                    self._undo()
+        if self.active and self not in self._under_way:
+            self._begin()
+            self._under_way.append(self)
+        elif not self.active:
+            self.leave()
         return self.env.step(action)
+
+    def leave(self) -> None:
+        """End the event, if it is under way, beneath those that began later."""
+        if self not in self._under_way:
+            return
+        later = self._under_way[self._under_way.index(self) + 1 :]
+        again = [event for event in later if event._undo is not None]
+        for event in (*reversed(again), self):
+            event._end()
+        self._under_way.remove(self)
+        for event in again:
+            event._begin()
+
+    def _begin(self) -> None:
+        with explained(self._expected("begin"), kind=InvalidWorld):
+            self._undo = self.function(self.unwrapped, self.value)
+        if self._undo is not None and not callable(self._undo):
+            raise UserTypeError(
+                f"Expected {function_name(self.function)} to return a function that ends the "
+                f"event, or nothing, got {self._undo!r}."
+            )
+
+    def _end(self) -> None:
+        with explained(self._expected("end"), kind=InvalidWorld):
+            if self._undo is not None:
+                self._undo()
+
+    def _expected(self, what: str) -> str:
+        return f"Expected {function_name(self.function)} to {what} an event"
 
 
 @dataclass(frozen=True)
@@ -81,8 +105,9 @@ class Event(Timed, Disturbance):
 
     It is called before the first step of the event, with the value, or True where the event has no
     range of values. What it returns, if anything, is called without arguments before the first step
-    after the event, to undo it. An evaluation store keeps its scores only with an `agent_id`;
-    change that whenever you change the function.
+    after the event, or after the episode, to undo it. Of events that overlap, those that began
+    later are undone before, and begun again. An evaluation store keeps its scores only with an
+    `agent_id`; change that whenever you change the function.
 
     Attributes:
         set: The function. It must be importable where worker processes take part.
@@ -119,7 +144,7 @@ class Event(Timed, Disturbance):
         """Let it happen."""
         assert self.set is not None
         wrapper = _Switched(env, value, rng)
-        wrapper.begin = self.set
+        wrapper.function = self.set
         return wrapper
 
 
@@ -135,11 +160,12 @@ class _FailedSensors(Passing, ChangedObservations):
             self._last[key] = number
             return number
         value = np.asarray(number)
-        if self.mode == "zero":
-            return self.chosen(value, np.zeros(value.shape))
+        if self.mode == "frozen":
+            return self.chosen(value, np.asarray(self._last.setdefault(key, number)))
+        other = np.zeros(value.shape)
         if self.mode == "noise":
-            return self.chosen(value, self.value * self.rng.standard_normal(value.shape))
-        return self.chosen(value, np.asarray(self._last.setdefault(key, number)))
+            other = self.value * self.rng.standard_normal(value.shape)
+        return self.chosen(value, self.bounded(other, number, key))
 
 
 @dataclass(frozen=True)
@@ -240,8 +266,7 @@ class ActuatorFailure(Timed, Disturbance):
         """Check that the actions can fail so."""
         space = env.action_space
         if isinstance(space, spaces.Box):
-            for entry in self.entries or ():
-                check_integer(f"the entries of {name!r}", entry, 0, int(np.prod(space.shape)) - 1)
+            check_entries(name, self.entries, space)
             wrong = self.mode == "noise" and not space.is_bounded()
         else:
             wrong = self.mode == "zero" or self.entries is not None
@@ -269,6 +294,13 @@ class _Slow(EpisodeWrapper):
         self._last: Any = None
         self._since = time.perf_counter()
         return answer
+
+    def render(self) -> Any:
+        """Draw, in time that is not the agent's."""
+        began = time.perf_counter()
+        frame: Any = self.env.render()
+        self._since += time.perf_counter() - began
+        return frame
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         taken = (time.perf_counter() - self._since) * self.value

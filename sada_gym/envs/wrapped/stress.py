@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from copy import deepcopy
 from typing import Any, Literal, get_args
 
 import gymnasium as gym
@@ -54,7 +56,8 @@ class StressEnv(gym.Env[Any, Floats32]):
 
     ## Episode End
     Terminated when the episode of the agent ends; `info` then has `score`, `fooled`, `seed` and
-    `invalid`, why the world broke. The worlds of failures are kept in `failures`.
+    `invalid`, why the world broke, and `requirements` where there are several. The worlds of
+    failures are kept in `failures`; steps after their end are as in ordinary use.
 
     ## Arguments
     - `application`: its parameters must be able to change in each step, and must have no knots.
@@ -77,14 +80,19 @@ class StressEnv(gym.Env[Any, Floats32]):
         state: Callable[[Any], npt.ArrayLike] | None = None,
         miss: float = 1000.0,
     ) -> None:
-        if not isinstance(application, GymnasiumApplication) or not application.repeatable:
-            raise UserTypeError(
-                f"Expected a GymnasiumApplication that is repeatable, got {application!r}."
+        if not isinstance(application, GymnasiumApplication):
+            raise UserTypeError(f"Expected a GymnasiumApplication, got {application!r}.")
+        if not application.repeatable:
+            raise UserError(
+                f"Expected {application.name} to give a world the same score again, but a random "
+                "agent or RealTime does not. Leave it out: nobody could replay its failures."
             )
         check_known("actions", [actions], get_args(Actions))
         if isinstance(miss, bool) or not isinstance(miss, int | float) or not 0 < miss < np.inf:
             raise UserError(f"Expected miss above 0, got {miss!r}.")
         self.application = application.stepwise()
+        with suppress(TypeError):  # of what has a lock; only what can be copied has a memory
+            self.application.policy = deepcopy(application.policy)
         self._limit = application.step_limit or 0
         self._space: ParameterSpace = application.parameters
         density = application.density
@@ -126,7 +134,8 @@ class StressEnv(gym.Env[Any, Floats32]):
                 f"Expected a world of {self.application.name} that begins, got one in which "
                 f"{self._running.broken}."
             )
-        self._mu = np.zeros((len(self._space), self._limit), np.float32)
+        # steps that the episode does not reach are as likely as can be
+        self._mu = np.repeat(self._quiet[:, None], self._limit, axis=1)
         self._steps = 0
         return self._observed(), {}
 
@@ -189,6 +198,8 @@ class StressEnv(gym.Env[Any, Floats32]):
             self._found.append((self._mu.reshape(-1).copy(), score, self._seed))
         missed = 0.0 if fooled else score - threshold
         told = {"score": score, "fooled": fooled, "seed": self._seed, "invalid": running.broken}
+        if running.margins:
+            told["requirements"] = dict(running.margins)
         return missed, {**told, "miss_distance": missed}
 
     def _begin(self, seed: int, mu: Floats32) -> None:

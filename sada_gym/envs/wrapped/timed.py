@@ -63,26 +63,37 @@ class Timed(ParameterBinding):
         """For how many steps it holds where `lasts` does not say it; None means all."""
         return None
 
+    @property
+    def holds_always(self) -> bool:
+        """Whether it holds in all steps."""
+        return self.at is self.lasts is self.usual_lasts is None
+
     def within(self, name: str, limit: int | None) -> Self:
         """Check the steps, and let a curve go over those in which it holds."""
         given, lasts = self, self.usual_lasts
         if self.at is not None and self.lasts is None and lasts is not None:
             given = replace(self, lasts=lasts)
         if self.passes or given.at is not None or given.lasts is not None:
-            given._check_times(name)
+            given._check_times(name, limit)
             lasts = given.lasts[1] if isinstance(given.lasts, tuple | list) else given.lasts
         return super(Timed, given).within(name, limit if lasts is None else lasts)
 
-    def _check_times(self, name: str) -> None:
+    def _check_times(self, name: str, limit: int | None) -> None:
         for key, given in {"at": self.at, "lasts": self.lasts}.items():
             ends = given if isinstance(given, tuple | list) else (given,)
+            if given is None or len(ends) > 2 or (len(ends) == 2 and not ends[0] < ends[1]):
+                raise UserError(
+                    f"Expected {key} of {name!r} to be a number of steps, such as 5, or a range "
+                    f"such as (20, 80), got {given!r}."
+                )
             for end in ends:
                 check_integer(f"{key} of {name!r}", end, 0)
-            if len(ends) > 2 or (len(ends) == 2 and not ends[0] < ends[1]):
-                raise UserError(
-                    f"Expected {key} of {name!r} to be a number of steps, or a range such as "
-                    f"(20, 80), got {given!r}."
-                )
+        first = self.at[0] if isinstance(self.at, tuple | list) else self.at
+        if limit is not None and first is not None and first >= limit:
+            raise UserError(
+                f"Expected at of {name!r} within an episode of {limit} steps, got {self.at!r}. It "
+                "would never happen."
+            )
 
     @property
     def count(self) -> int:
@@ -98,7 +109,7 @@ class Timed(ParameterBinding):
     def named(self, name: str, values: Any) -> dict[str, Any]:
         """Return the value and the steps by the names of their parameters."""
         if not isinstance(values, Occurrence):
-            return super().named(name, values)
+            return super().named(name, values) if self.valued else {}
         own = super().named(name, values.value) if self.valued else {}
         return own | {f"{name}_{key}": getattr(values, key) for key in self._times}
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -22,8 +24,9 @@ from sada_gym.envs.wrapped import (
     RealTime,
     SensorFailure,
 )
+from sada_gym.envs.wrapped.kept import KeptEnvironments
 from sada_gym.envs.wrapped.toml import binding_of
-from sada_gym.errors import Notice
+from sada_gym.errors import Notice, UserError
 
 
 def lengthen(env, value):
@@ -110,6 +113,44 @@ def test_an_event_begins_and_ends():
     assert world.lengths == [1, 5, 5, 1, 1, 1, 1, 1]
 
 
+def heavier(env, value):
+    before, env.length = env.length, env.length + 4.0
+
+    def undo():
+        env.length = before
+
+    return undo
+
+
+def test_events_overlap():
+    application = counting(
+        one=Event(set=lengthen, at=2, lasts=4),
+        other=Event(set=heavier, at=4, lasts=3),
+        third=Event(set=heavier, at=1, lasts=(2, 3)),
+    )
+    _, world = played(application, [1.0])
+    assert world.lengths == [1, 5, 2, 2, 6, 6, 5, 1]
+
+
+def test_an_event_ends_with_its_episode_where_the_environment_is_kept():
+    application = counting(long=Event(set=lengthen, **TIMES))
+    application.episode_spec = replace(
+        application.episode_spec, kept=KeptEnvironments(application.episode_spec.factory, ())
+    )
+    for _ in range(2):
+        with closing(application.episodes(np.array([at(6, 8)], np.float32), [0])) as episodes:
+            (episode,) = episodes.running
+            while not episode.ended:
+                episode.step(np.ones(2))
+            assert episode.environment.unwrapped.lengths == [1] * 6 + [2, 2]
+
+
+def test_what_begins_an_event_returns_what_ends_it():
+    application = counting(long=Event(set=lambda env, value: 5, **TIMES))
+    with pytest.raises(UserError, match="to return a function that ends the event, or nothing"):
+        application.evaluate([at(2, 3)], [0])
+
+
 def test_a_force_may_have_its_time_as_a_parameter():
     pushes = []
 
@@ -173,6 +214,26 @@ def test_sensors_give_noise():
     assert len(set(seen[2:8, 1].tolist())) == 6
     assert abs(seen[2:8, 1].mean()) < 2.5
     assert seen[8].tolist() == [8.0] * 3
+
+
+class Watching(Counting):
+    """Observes small pictures."""
+
+    observation_space = gym.spaces.Box(0, 255, (3, 3, 1), np.uint8)
+
+    def reset(self, **kwargs):
+        return np.zeros((3, 3, 1), np.uint8), super().reset(**kwargs)[1]
+
+    def step(self, action):
+        return np.full((3, 3, 1), 9, np.uint8), *super().step(action)[1:]
+
+
+def test_noise_in_the_place_of_a_picture_stays_in_its_range():
+    application = counting(
+        Watching, blind=SensorFailure(0.0, 9.0, entries=(0, 1, 2), mode="noise", **TIMES)
+    )
+    seen, _ = played(application, at(1, 8, 1.0))
+    assert 0 < seen[1:, 0].max() < 60  # a negative number does not become a bright pixel
 
 
 @pytest.mark.parametrize(
@@ -322,7 +383,30 @@ def test_a_slow_agent_is_late():
     quick, late = application.evaluate([[-1.0], [1.0]], [0, 0]).infos
     assert late["length"] < 100 < quick["length"]
     with pytest.warns(Notice):
-        cart_pole(parameters={"gravity": (5.0, 20.0), "real": RealTime(step=0.02)})
+        real = cart_pole(parameters={"gravity": (5.0, 20.0), "real": RealTime(step=0.02)})
+    assert real.evaluate([[0.0]], [0]).score[0] > 0.0
+
+
+class Painted(gym.Wrapper):
+    """Takes long to draw."""
+
+    def render(self):
+        time.sleep(0.1)
+        return np.zeros((4, 4, 3), np.uint8)
+
+
+def test_drawing_is_not_the_agents_time():
+    with pytest.warns(Notice):
+        application = cart_pole(
+            environment=lambda render_mode=None: Painted(
+                gym.make("CartPole-v1", render_mode=render_mode)
+            ),
+            parameters={"real": RealTime(1.0, 2.0, step=0.05)},
+            max_steps=8,
+            score=("length", 8),
+        )
+    _, score = application.replay([0.0], 0)
+    assert score == 1.0
 
 
 @pytest.mark.parametrize(
@@ -331,6 +415,10 @@ def test_a_slow_agent_is_late():
         (Event(set=lengthen, lasts=(0, 9)), "at of 'it'"),
         (Event(set=lengthen, at=(5, 5), lasts=3), "a range such as"),
         (Event(set=lengthen, at=(-1, 5), lasts=3), "at of 'it'"),
+        (Event(set=lengthen, at=(8, 9), lasts=3), "within an episode of 8 steps"),
+        (Event(set=lengthen, at=(0, 5)), "lasts of 'it' to be a number of steps"),
+        (Force(0.0, 1.0, apply=lengthen, start=3, steps=4, knots=5), "over which its knots lie"),
+        (SensorFailure(at=(0, 5), lasts=3, entries=1), "entries of 'it' as a tuple"),
         (Event(set=3, at=(0, 5), lasts=3), "Expected a function set"),
         (Event(set=lengthen, at=3, lasts=3), "at least one Parameter"),
         (Event(0.0, 1.0, set=lengthen, at=3, lasts=3, knots=3), "may change during an episode"),

@@ -7,7 +7,7 @@ import pytest
 from wrapped_toys import Reach, approach, balance, cart_pole, swing
 
 from sada_gym import GymnasiumApplication, Oracle
-from sada_gym.analyses.plots.curves import curves, curves_of
+from sada_gym.analyses.plots.curves import curves
 from sada_gym.analyses.plots.style import png
 from sada_gym.envs.wrapped import (
     ActionDelay,
@@ -25,7 +25,6 @@ from sada_gym.envs.wrapped import (
 from sada_gym.envs.wrapped.profiles import Profile
 from sada_gym.envs.wrapped.toml import binding_of
 from sada_gym.evaluations import Evaluations
-from sada_gym.parameters import Parameter, ParameterSpace
 
 
 def blow(env, strength):
@@ -201,7 +200,7 @@ def test_the_region_knows_knots():
         (Attribute(0.0, 1.0, paths="wind", knots=1), "knots of 'it'"),
         (Attribute(0.0, 1.0, paths="wind", knots=3, curve="round"), "curve of 'it'"),
         (Attribute(0.0, 1.0, paths="wind", curve="cubic"), "Expected knots with curve="),
-        (Attribute(0.0, 1.0, paths="wind", knots=3, over=2), "over of 'it'"),
+        (Attribute(0.0, 1.0, paths="wind", knots=3, over=2), "over which its knots lie"),
         (Attribute(choices=(1.0, 2.0), paths="wind", knots=3), "nothing lies between others"),
         (Attribute(0, 360, paths="wind", angle=True, knots=3), "nothing lies between others"),
         (Function(0.0, 1.0, set=set_wind, after_reset=False, knots=3), "after_reset=True of 'it'"),
@@ -232,19 +231,21 @@ def test_knots_have_a_density_each():
     assert drawn.std(axis=0) == pytest.approx([0.2] * 3, rel=0.3)
 
 
-def test_curves_are_drawn():
-    space = ParameterSpace(
-        *(Parameter(f"wind[{i}]", -1.0, 1.0, "N") for i in range(3)),
-        Parameter("mass", 0.0, 1.0),
-        Parameter("body[1]", 0.0, 1.0),
-        Parameter("late[0]", 0.0, 1.0),
-    )
-    assert curves_of(space) == {"wind": [0, 1, 2]}
-    mu = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 6)).astype(np.float32)
+@pytest.mark.parametrize(("form", "points"), [("linear", 3), ("steps", 4)])
+def test_curves_are_drawn(form, points):
+    wind = Attribute(-1.0, 1.0, paths="wind", unit="N", knots=3, curve=form)
+    names = {
+        "masses[0]": Attribute(0.0, 1.0, paths="speed"),
+        "masses[1]": Attribute(0.0, 1.0, paths="reward"),
+    }
+    application = reaching({"wind": wind, **names})
+    assert [*application.curves] == ["wind"]
+    mu = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 5)).astype(np.float32)
     worlds = Evaluations(mu, (mu[:, 1] + 1.0) / 2.0, np.arange(50))
-    figure = curves(space, worlds, 0.3)
+    figure = curves(application.parameters, application.curves, worlds, 0.3)
     (axes,) = [axes for axes in figure.axes if axes.get_visible()]
     (passes, fails) = [line.get_ydata() for line in axes.lines]
+    assert len(fails) == points  # steps hold to the end
     assert fails[1] < -0.4 < passes[1]
     assert axes.get_ylabel() == "wind (N)"
     assert png(figure).startswith(b"\x89PNG")

@@ -31,8 +31,10 @@ from sada_gym.envs.wrapped import (
     ObservationDelay,
     ObservationDropout,
     ObservationNoise,
+    RealTime,
     SensorFailure,
 )
+from sada_gym.errors import Notice
 
 STEPS = 4
 
@@ -127,6 +129,52 @@ def test_rewards_are_those_of_adaptive_stress_testing():
     frames, score = env.application.replay(env.failures.mu[0], int(env.failures.seed[0]))
     assert score == env.failures.score[0]
     assert len(frames) == len(infos) + 1
+
+
+def test_a_failure_is_as_likely_as_its_episode():
+    wind = Force(-0.5, 0.5, apply=blow, nominal={"normal": [0.1, 0.1]})
+    noise = ObservationNoise(0.0, 0.3, nominal={"normal": [0.0, 0.05]})
+    env = StressEnv(gusty(parameters={"wind": wind, "noise": noise}))
+    _, infos, _ = played(env, 3, lambda step: np.array([0.9, -0.7], np.float32))
+    assert len(infos) < 50
+    density = env.application.density
+    (whole,) = density.log_density(env.failures.mu) - density.highest
+    assert whole == pytest.approx(sum(info["log_likelihood"] for info in infos), abs=1.0)
+
+
+class Remembering:
+    """Pushes to one side until it has seen two observations, then to the other."""
+
+    def reset(self):
+        self.seen = 0
+
+    def __call__(self, state):
+        self.seen += 1
+        return int(self.seen > 2)
+
+
+def test_two_of_one_application_share_no_memory():
+    application = gusty(agent=Remembering())
+    envs = [StressEnv(application) for _ in range(2)]
+    for seed, env in enumerate(envs):
+        env.reset(seed=seed)
+    left = [*envs]
+    while left:
+        for env in [*left]:
+            if env.step(np.array([0.0, -1.0], np.float32))[2]:
+                left.remove(env)
+    for env in envs:
+        failures = env.failures
+        again = env.application.evaluate(failures.mu, failures.seed.tolist())
+        assert again.score.tolist() == failures.score.tolist()
+
+
+def test_the_end_tells_of_each_requirement():
+    scores = {"long": ("length", 100), "upright": lambda episode: 0.75}
+    env = StressEnv(gusty(score=scores))
+    _, infos, _ = played(env, 3, lambda step: np.array([0.8, -1.0], np.float32))
+    assert infos[-1]["requirements"]["upright"] == 0.75
+    assert infos[-1]["requirements"]["long"] < 0.5
 
 
 def test_actions_may_be_draws_from_the_density():
@@ -248,7 +296,9 @@ def test_failures_are_a_run_like_any_other(tmp_path):
     [
         ({"fails": Keyword(choices=(True, False))}, "may change in each step"),
         ({"wind": Attribute(-1.0, 1.0, knots=3)}, "may change in each step"),
-        ({"it": SensorFailure(at=(0, 5), lasts=3, entries=(0,))}, "may change in each step"),
+        ({"it": SensorFailure(at=(0, 3), lasts=3, entries=(0,))}, "may change in each step"),
+        ({"it": Force(-1.0, 1.0, apply=blow, start=2)}, "may change in each step.*got it"),
+        ({"it": Force(-1.0, 1.0, apply=blow, at=2, lasts=1)}, "may change in each step.*got it"),
     ],
 )
 def test_what_cannot_change_in_each_step_is_told(parameters, message):
@@ -273,8 +323,12 @@ def test_bad_arguments_are_told():
         StressEnv(drifting(), actions="uniform")
     with pytest.raises(ValueError, match="miss above 0"):
         StressEnv(drifting(), miss=-1.0)
-    with pytest.raises(TypeError, match="a GymnasiumApplication that is repeatable"):
+    with pytest.raises(TypeError, match="Expected a GymnasiumApplication, got 'CartPole-v1'"):
         StressEnv("CartPole-v1")
+    with pytest.warns(Notice):
+        timed = gusty(parameters={"slow": RealTime(1.0, 2.0)})
+    with pytest.raises(ValueError, match="the same score again, but a random agent or RealTime"):
+        StressEnv(timed)
     env = StressEnv(drifting())
     with pytest.raises(gym.error.ResetNeeded):
         env.step([0.0])
