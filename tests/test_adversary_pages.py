@@ -95,3 +95,36 @@ def test_every_picture_is_shown() -> None:
     text = "".join(page.read_text("utf-8") for page in PAGES)
     pictures = (FOLDER.parent / "images").glob("adversaries*.png")
     assert all(f"../images/{picture.name}" in text for picture in pictures)
+
+
+def rows_of(page: Path, head: str) -> list[list[str]]:
+    """Return the cells of a page's first table whose heading begins like that, without marks."""
+    text = re.sub(r"[*`]", "", page.read_text("utf-8"))
+    found = re.search(rf"^\| {head} \|.*\n(?:\|.*\n)+", text, re.MULTILINE)
+    assert found is not None
+    lines = found[0].splitlines()
+    return [[cell.strip() for cell in line[1:-1].split("|")] for line in lines if "---" not in line]
+
+
+def overview() -> dict[tuple[str, str], str]:
+    """Return the figures of the results: (adversary, application) to AFR / coverage."""
+    head, *rows = rows_of(FOLDER.parent / "results" / "index.md", "adversary")
+    return {
+        (row[0], name.lower()): cell
+        for row in rows
+        for name, cell in zip(head[1:], row[1:], strict=True)
+    }
+
+
+@pytest.mark.parametrize("name", ["level-set", "bbgan", "rare-events", "reinforcement-learning"])
+def test_the_figures_of_a_page_are_those_of_the_results(name: str) -> None:
+    (_, *heads), *rows = rows_of(FOLDER / f"{name}.md", "application")
+    named = ["bbgan (paper)" if head == "bbgan, paper" else head for head in heads]
+    shown = {(a, row[0]): cell for row in rows for a, cell in zip(named, row[1:], strict=True)}
+    assert shown.items() <= overview().items()
+
+
+def test_the_figures_of_the_baselines_are_those_of_the_results() -> None:
+    (_, *heads), *rows = rows_of(FOLDER / "paper-baselines.md", "adversary")
+    shown = {(row[0], a): cell for row in rows for a, cell in zip(heads, row[1:], strict=True)}
+    assert shown.items() <= overview().items()
