@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.stats import rankdata
-from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.ensemble import ExtraTreesRegressor, HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
@@ -15,7 +15,9 @@ from sada_gym.adversaries.models.arrays import AnyFloats, Floats
 from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
 
 _FOLDS = 4
-_MIN_FOOLING = 20
+_MIN_FOOLING, _FEWEST_FOOLING = 20, 5
+_FEW, _FOREST = 100, 200
+"""With at most so many points, a forest of so many trees takes the place of boosting."""
 _JITTER, _BLOCK, _MAX_LEVERAGE = 1e-6, 4_000, 0.999
 
 
@@ -47,6 +49,24 @@ class CrossFittedTrees:
         """Predict the values at x (m, d): (m,)."""
         mean: Floats = np.mean([ensemble.predict(x) for ensemble in self.ensembles], axis=0)
         return mean
+
+
+class RandomisedTrees:
+    """Extremely randomised trees (Geurts et al. 2006), which split few points, too.
+
+    `held_out`, (n,), is each point's prediction by the trees whose draw left it out.
+    """
+
+    def __init__(self, x: Floats, y: Floats, rng: np.random.Generator) -> None:
+        self._forest = ExtraTreesRegressor(
+            _FOREST, bootstrap=True, oob_score=True, random_state=int(rng.integers(2**31))
+        ).fit(x, y)
+        self.held_out: Floats = self._forest.oob_prediction_
+
+    def __call__(self, x: Floats) -> Floats:
+        """Predict the values at x (m, d): (m,)."""
+        values: Floats = self._forest.predict(x)
+        return values
 
 
 class SparseGP:
@@ -97,8 +117,16 @@ class SparseGP:
         return self._mean + self._scale * np.concatenate(means)
 
 
-MODELS: Mapping[str, type[CrossFittedTrees | SparseGP]] = {
-    "trees": CrossFittedTrees,
+Model = CrossFittedTrees | RandomisedTrees | SparseGP
+
+
+def fit_trees(x: Floats, y: Floats, rng: np.random.Generator) -> Model:
+    """Fit boosted trees, or a forest to so few points that boosting would hardly split them."""
+    return (RandomisedTrees if len(x) <= _FEW else CrossFittedTrees)(x, y, rng)
+
+
+MODELS: Mapping[str, Callable[[Floats, Floats, np.random.Generator], Model]] = {
+    "trees": fit_trees,
     "process": SparseGP,
 }
 """The models that predict the score, by name."""
@@ -112,8 +140,9 @@ class Surrogate:
     dimensions, a Gaussian process smooth ones. A logistic regression of what fooled on both
     predictions, each made without the point itself, weighs them (stacking, Wolpert 1992) and
     calibrates them (Platt 1999). Where fewer than 20 queries fool, the threshold is raised to the
-    20th lowest score, as in the cross-entropy method: it is `raised`. `held_out`, (n,), is the
-    probability of each mu that it learnt from, predicted without it.
+    20th lowest score, as in the cross-entropy method: it is `raised`. With at most 100 queries a
+    tenth of them takes the place of 20, and at least 5. `held_out`, (n,), is the probability of
+    each mu that it learnt from, predicted without it.
     """
 
     def __init__(
@@ -125,7 +154,8 @@ class Surrogate:
         models: Sequence[str] = tuple(MODELS),
     ) -> None:
         x = mu.astype(np.float64)
-        count = min(_MIN_FOOLING, len(score))
+        few = max(_FEWEST_FOOLING, len(score) // 10)
+        count = min(few if len(score) <= _FEW else _MIN_FOOLING, len(score))
         level = max(threshold, float(np.partition(score, count - 1)[count - 1]))
         self.raised = level > threshold
         fooled = score <= level

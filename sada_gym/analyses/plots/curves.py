@@ -80,8 +80,8 @@ def _draw(axes: Axes, in_steps: bool, band: list[Floats], style: dict[str, Any])
     """Draw a median between two others, from knot to knot, or constant for a part each."""
     if in_steps:  # the last part ends where the way does
         band = [np.append(values, values[-1]) for values in band]
-    way, where = np.linspace(0.0, 100.0, len(band[0])), "post" if in_steps else None
-    low, middle, high = band
-    axes.fill_between(way, low, high, color=style["color"], alpha=0.25, linewidth=0, step=where)
+    way, (low, middle, high) = np.linspace(0.0, 100.0, len(band[0])), band
+    filled: dict[str, Any] = {"color": style["color"], "step": "post" if in_steps else None}
+    axes.fill_between(way, low, high, alpha=0.25, linewidth=0, **filled)
     drawstyle = "steps-post" if in_steps else "default"
     axes.plot(way, middle, drawstyle=drawstyle, linewidth=1.6, **style)

@@ -4,7 +4,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.models.exact_gp import fit_weights, predict_mean
-from sada_gym.adversaries.models.surrogate import CrossFittedTrees, SparseGP, Surrogate
+from sada_gym.adversaries.models.surrogate import (
+    CrossFittedTrees,
+    RandomisedTrees,
+    SparseGP,
+    Surrogate,
+)
 from studies.landscapes import Landscape
 
 
@@ -42,7 +47,7 @@ def test_held_out_means_are_those_of_a_fit_without_the_point():
         assert sparse.held_out[i] == pytest.approx(left_out, abs=1e-3)
 
 
-@pytest.mark.parametrize("model", [SparseGP, CrossFittedTrees])
+@pytest.mark.parametrize("model", [SparseGP, CrossFittedTrees, RandomisedTrees])
 def test_held_out_predictions_are_no_better_than_they_are_on_new_points(model):
     x, y = noisy(400, 3)
     fitted = model(x, y, np.random.default_rng(0))
@@ -54,7 +59,7 @@ def test_held_out_predictions_are_no_better_than_they_are_on_new_points(model):
 
 def test_constant_values_are_predicted_as_they_are():
     x, _ = noisy(50, 2)
-    for model in (SparseGP, CrossFittedTrees):
+    for model in (SparseGP, CrossFittedTrees, RandomisedTrees):
         assert model(x, np.full(50, 0.7), np.random.default_rng(0))(x) == pytest.approx(0.7)
 
 
@@ -81,6 +86,21 @@ def test_where_few_fool_it_leads_to_the_lowest_scores():
     p = surrogate(np.array([[-0.99, 0.0], [0.0, 0.0]]))
     assert p[0] > 0.5
     assert p[1] < 0.1
+
+
+@pytest.mark.parametrize("count", [40, 100])
+def test_few_points_are_split_and_lead_to_a_corner(count):
+    rng = np.random.default_rng(count)
+    mu = rng.uniform(-1, 1, (count, 4)).astype(np.float32)
+
+    def score(points):
+        return np.clip(0.6 - 0.5 * np.minimum(points[:, 0], points[:, 1]), 0.0, 1.0)
+
+    surrogate = Surrogate(mu, score(mu), 0.5, rng)
+    assert surrogate.raised == ((score(mu) <= 0.5).sum() < max(5, count // 10))
+    fresh = rng.uniform(-1, 1, (4_000, 4)).astype(np.float32)
+    p, fooled = surrogate(fresh), score(fresh) <= 0.5
+    assert fooled[np.argsort(-p)[:400]].mean() > 2.5 * fooled.mean()
 
 
 def test_the_sparse_process_agrees_with_scikit_learn():
