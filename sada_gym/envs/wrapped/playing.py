@@ -140,14 +140,17 @@ class EpisodePlayer(EpisodesApplication[GymnasiumEpisodes]):
         for i, together in self._played(mu, seeds, self.policy):
             broken = next((episode.broken for episode in together if episode.broken), "")
             mean = float(np.mean([episode.score for episode in together]))
-            score[i] = 0.0 if broken and self._on_error == "fooled" else mean
+            lost = bool(broken) and self._on_error == "fooled"
+            score[i] = 0.0 if lost else mean
             extras[i] |= {
                 "invalid": broken if self._on_error == "invalid" else "",
                 "return": float(np.mean([sum(episode.rewards) for episode in together])),
                 "length": float(np.mean([len(episode.rewards) for episode in together])),
                 "clipped": any(episode.clipped for episode in together),
             }
-            if self.requirements and not broken:
+            if self.requirements and lost:
+                extras[i]["requirements"] = dict.fromkeys(self.requirements, 0.0)
+            elif self.requirements and not broken:
                 extras[i]["requirements"] = mean_values([one.margins for one in together])
         self._warn_of_clipping(extras)
         return Scored(score, extras)

@@ -78,6 +78,14 @@ def test_worlds_that_are_not_computed_have_all_margins():
     assert [*infos[0]["requirements"]] == [*infos[1]["requirements"]] == [*SCORES]
 
 
+@pytest.mark.parametrize(("on_error", "margins"), [("fooled", 0.0), ("invalid", 1.0)])
+def test_a_broken_world_fails_all_requirements_or_is_invalid(on_error, margins):
+    broken = pole(on_error=on_error, valid=lambda _: "the physics exploded")
+    outcomes = broken.evaluate([[0.0, 0.0]], [0])
+    assert outcomes.score.tolist() == [margins]
+    assert outcomes.infos[0]["requirements"] == dict.fromkeys(SCORES, margins)
+
+
 def test_what_it_depends_on():
     assert pole().settings["score"]["calm"] == ["test_several:calm", 0.3]
     assert pole(requirement="up").settings["score"][0] == "up"
@@ -91,6 +99,10 @@ def test_what_it_depends_on():
         ({"score": {}}, "Expected a score by name"),
         ({"score": {3: ("length", 9)}}, "texts as names of requirements, got 3"),
         ({"score": {"up": "down"}, "fooling_threshold": 0.5}, "Expected score to be"),
+        (
+            {"score": "down", "fooling_threshold": 0.5},
+            "formula, signals, scale.*a dictionary of such",
+        ),
         ({"fooling_threshold": {"up": 0.5}}, "Expected a threshold of 'calm'"),
         ({"fooling_threshold": THRESHOLDS | {"low": 0.1}}, "requirement in fooling_threshold"),
         ({"fooling_threshold": 1.0}, "fooling_threshold of 'up' to be a number from 0 to below 1"),
