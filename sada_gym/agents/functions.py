@@ -55,7 +55,7 @@ def agent_of(
     acts = hasattr(given, "predict") or callable(given)
     if acts and callable(getattr(given, "reset", None)):
         return EpisodeAgents(given, name, deterministic=deterministic)
-    if hasattr(given, "predict") and not _takes(given.predict, "env"):
+    if hasattr(given, "predict") and not takes(given.predict, "env"):
         from sada_gym.agents.policy import Policy
 
         return Policy(given, interface, normalisation=normalisation, deterministic=deterministic)
@@ -80,7 +80,7 @@ class FunctionAgent:
 
     def __init__(self, given: Callable[..., Any], name: str, *, deterministic: bool = True) -> None:
         self._given, self._name, self._deterministic = given, name, deterministic
-        self._takes_env = _takes(getattr(given, "predict", given), "env")
+        self._takes_env = takes(getattr(given, "predict", given), "env")
 
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
@@ -153,7 +153,7 @@ class EpisodeAgents(FunctionAgent):
         self._agents: list[Any] = []
         with generators_kept():
             made = self._make(0)
-        self._takes_env = _takes(getattr(made, "predict", made), "env")
+        self._takes_env = takes(getattr(made, "predict", made), "env")
         if not hasattr(made, "predict") and not callable(made):
             raise UserTypeError(
                 f"Expected {name} to make an agent, an object with predict or a function of an "
@@ -220,10 +220,11 @@ def is_factory(given: Any) -> bool:
 
 
 def _call(function: Callable[..., Any], seed: int) -> Any:
-    return function(seed=seed) if _takes(function, "seed") else function()
+    return function(seed=seed) if takes(function, "seed") else function()
 
 
-def _takes(function: Any, name: str) -> bool:
+def takes(function: Any, name: str) -> bool:
+    """Say whether a function has an argument of that name; False for what is no function."""
     try:
         return name in inspect.signature(function).parameters
     except (TypeError, ValueError):

@@ -390,6 +390,8 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._observations: list[Any] = []
         self._actions: list[Any] = []
         self._infos: list[Mapping[str, Any]] = []
+        self._probes = {id(probe): probe for probe in spec.score.probes}
+        self._probed: dict[int, list[Any]] = {name: [] for name in self._probes}
         self._changing = {
             name: binding
             for name, binding in spec.bindings.items()
@@ -469,6 +471,7 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
             tuple(self._infos),
             terminated,
             truncated,
+            self._probed,
         )
 
     def _recorded(self, observation: Any, info: Mapping[str, Any]) -> Any:
@@ -483,6 +486,9 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if self._spec.score.keeps_all:
             self._observations.append(deepcopy(observation))
             self._infos.append(deepcopy(info))
+            for name, probe in self._probes.items():
+                with explained("Expected a signal of the environment", "Fix the function."):
+                    self._probed[name].append(deepcopy(probe(env=self.unwrapped)))
         elif self._spec.score.keeps_infos:
             self._infos.append(deepcopy(info))
         else:

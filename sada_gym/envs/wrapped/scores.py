@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ class Episode:
         infos: What the environment said, at the reset and after each step: T + 1.
         terminated: Whether the environment ended the episode.
         truncated: Whether a limit of time ended the episode.
+        probed: What each of the score's `probes` returned, T + 1 values by its `id`.
     """
 
     rewards: npt.NDArray[np.float64]
@@ -36,6 +37,7 @@ class Episode:
     infos: tuple[Mapping[str, Any], ...]
     terminated: bool
     truncated: bool
+    probed: Mapping[int, list[Any]] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -75,6 +77,11 @@ class Score(ABC):
     def own_functions(self) -> dict[str, Callable[..., Any]]:
         """The user's functions that it calls, by what they do: no fingerprint covers their code."""
         return {}
+
+    @property
+    def probes(self) -> tuple[Callable[..., Any], ...]:
+        """Functions of the unwrapped environment that are called at the reset and each step."""
+        return ()
 
     @abstractmethod
     def __call__(self, episode: Episode) -> tuple[float, bool]:
@@ -267,8 +274,9 @@ def as_score(given: Any) -> Score:
         return FunctionScore(given)
     raise UserTypeError(
         "Expected score to be ('return', low, high), 'success', ('success', key), ('failure', "
-        "key), ('cost', limit), ('length', maximum), ('stl', formula) or a function of the "
-        f"episode, got {given!r}."
+        "key), ('cost', limit), ('length', maximum), ('stl', formula, signals, scale), a function "
+        "of the episode, or a dictionary of such scores by name, {'safe': ('cost', 1), ...}; got "
+        f"{given!r}."
     )
 
 

@@ -64,6 +64,10 @@ class Several(Score):
             for role, function in score.own_functions.items()
         }
 
+    @property
+    def probes(self) -> tuple[Callable[..., Any], ...]:  # noqa: D102
+        return tuple(probe for score in self.scores.values() for probe in score.probes)
+
     def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
         return self.judge(episode)[:2]
 

@@ -3,6 +3,7 @@
 import math
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,6 +99,23 @@ def test_where_signals_come_from(where, expected):
     assert robustness(score) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("name", "where"), [("v", None), ("x", "v"), ("x", "p[1]"), ("x", "q[-1]")]
+)
+def test_signals_of_dict_observations_and_of_arrays_in_infos(name, where):
+    told = episode(q=[[0.0, 5.0], [0.0, 3.0], [0.0, 4.0]])
+    observations = tuple({"v": np.array([v]), "p": np.array([[9.0, v]])} for v in (5.0, 3.0, 4.0))
+    one = replace(told, observations=observations)
+    score, _ = Requirement(f"always {name} > 0", {name: where} if where else {})(one)
+    assert robustness(score) == 3.0
+    with pytest.raises(UserError, match=r"the keys 'q', and in the observation 'v', 'p'"):
+        Requirement("always u > 0")(one)
+    with pytest.raises(UserError, match=r"Expected entry 2 of 'p' as the signal 'u', got 2"):
+        Requirement("always u > 0", {"u": "p[2]"})(one)
+    with pytest.raises(UserError, match="Name an entry, such as"):
+        Requirement("always u > 0", {"u": 0})(one)
+
+
 def test_what_is_not_said_at_the_reset_is_what_the_first_step_says():
     told = episode(a=[9.0, 1.0, 2.0])
     silent = Episode(
@@ -109,7 +127,30 @@ def test_what_is_not_said_at_the_reset_is_what_the_first_step_says():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (("stl", "always[0:5 a < 1"), "Expected a formula of signal temporal logic"),
+        (("stl", "always[0:5 a < 1"), "Expected ']' at character 12 of the formula"),
+        (("stl", "a > 2²"), "at character 6 of the formula 'a > 2²', got '²'"),
+        (("stl", "'a' > 0"), 'at character 1 of the formula "\'a\' > 0", got "\'"'),
+        (("stl", "größe > 0"), "got 'ö'. Names have the letters a to z"),
+        (("stl", "a > 0 # c"), "at character 7 of the formula 'a > 0 # c', got '#'"),
+        (
+            ("stl", "a > 0\nand b >"),
+            "Expected a variable or a number at character 14 of the formula",
+        ),
+        (
+            ("stl", "-a > 0"),
+            "Expected a number at character 2 of the formula '-a > 0', got 'a'. For -x",
+        ),
+        (("stl", "a.b > 0"), "say where it comes from by signals={'x_y': 'x.y'}"),
+        (("stl", "a[0] > 0"), "Expected an operator or the end at character 2"),
+        (("stl", "a > s"), "s is a unit of time"),
+        (("stl", "ln(a) > 1"), "which rtamt reads as 'ln' and '(a)>(1.0)'"),
+        (("stl", "a = 1"), "Expected one formula, got 'a = 1', which rtamt reads as '1.0'"),
+        (("stl", "a unless b > 0"), "Give unless a window"),
+        (("stl", "time > 0"), "Expected other names than 'time'"),
+        (("stl", "always[5:2] a > 0"), "got [5:2] in 'always[5:2] a > 0'"),
+        (("stl", "b > 0 and once[0:0.5] a > 0"), "got [0:0.5]"),
+        (("stl", "always[-1:5] a > 0"), "got [-1:5]"),
+        (("stl", "always[1s:5] a > 0"), "Expected windows from a whole number of steps"),
         (("stl", "always a < 1", {"b": 0}), "whose variables are a; got 'b'"),
         (("stl", "always a < 1", {"a": None}), "signal 'a' to be the number"),
         (("stl", "always a < 1", {"a": True}), "signal 'a' to be the number"),
@@ -117,9 +158,22 @@ def test_what_is_not_said_at_the_reset_is_what_the_first_step_says():
         (("stl", 5), "with a text and a dictionary"),
     ],
 )
-def test_what_is_refused(given, message):
-    with pytest.raises(UserError, match=re.escape(message)):
+def test_what_is_refused(given, message, capfd):
+    with pytest.raises(UserError, match=re.escape(message)) as told:
         as_score(given)
+    assert len(str(told.value)) < 280
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_negative_value_is_a_difference():
+    assert robustness(Requirement("always 0 - a > 0")(episode(a=[-2.0, -3.0]))[0]) == pytest.approx(
+        2.0
+    )
+
+
+def test_a_window_beyond_the_end_leaves_a_variable_as_it_is():
+    for formula in ("always[0:9] a and eventually[0:9] a", "eventually[0:9] a and always[0:9] a"):
+        assert robustness(Requirement(formula)(episode(a=[3.0, 1.0, 2.0]))[0]) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -141,8 +195,30 @@ def test_a_signal_of_nan_makes_a_world_invalid():
         Requirement("always a < 1")(episode(a=[1.0, math.nan]))
 
 
-def test_an_application_with_a_requirement():
-    score = ("stl", "always[0:30] (abs(angle) < 0.05)", {"angle": 2}, 0.05)
+@pytest.mark.parametrize(
+    ("formula", "reason"),
+    [
+        ("always sqrt(a) < 9", "the formula raised ValueError: math domain error"),
+        ("1 / (a + 1) > 0", "the formula raised ZeroDivisionError"),
+        ("exp(a * a * 999) > 0", "the formula raised OverflowError"),
+        ("a * 1e308 * 10 - a * 1e308 * 10 > 0", "its robustness is NaN"),
+    ],
+)
+def test_a_formula_that_cannot_be_computed_makes_a_world_invalid(formula, reason):
+    rule = Requirement(formula)
+    with pytest.raises(InvalidWorld) as told:
+        rule(episode(a=[-1.0, -1.0]))
+    assert reason in told.value.reason
+    assert 0.0 < rule(episode(a=[1e-300, 1e-300]))[0] < 1.0
+
+
+def angle_of(env):
+    return env.state[2]
+
+
+@pytest.mark.parametrize("where", [2, angle_of], ids=["observation", "environment"])
+def test_an_application_with_a_requirement(where):
+    score = ("stl", "always[0:30] (abs(angle) < 0.05)", {"angle": where}, 0.05)
     application = GymnasiumApplication(
         "CartPole-v1",
         agent=Still(),
@@ -155,3 +231,12 @@ def test_an_application_with_a_requirement():
     assert 0.0 < found < 0.5
     other = pickle.loads(pickle.dumps(application))
     assert other.evaluate([[0.0]], [0]).score[0] == found
+    both = GymnasiumApplication(
+        "CartPole-v1",
+        agent=Still(),
+        agent_id="still",
+        parameters={"gravity": (5.0, 15.0)},
+        score={"upright": score, "fast": ("stl", "a > 5", {"a": angle_of})},
+        fooling_threshold=0.5,
+    )
+    assert both.evaluate([[0.0]], [0]).infos[0]["requirements"]["upright"] == found
