@@ -5,15 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.special import expit
 
 from sada_gym.adversaries.query_pool import draw_permitted
 from sada_gym.analyses.estimation.table import TableDensity
 from sada_gym.densities import WorldDensity
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, explained
 from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.parameters import Mu, ParameterSpace, Permits, all_can_exist
 
 _COUNTED, _LEAST = 100_000, 1e-3
+_COMPARED, _TOLERANCE = 10_000, 0.02
+_EXPECTED = (
+    "Expected density to have rvs(size, random_state) and logpdf(x), as frozen distributions of "
+    "scipy.stats have"
+)
 
 
 class IndependentUse:
@@ -65,10 +71,7 @@ class JointUse:
         self, space: ParameterSpace, density: Any, permits: Permits, rng: np.random.Generator
     ) -> None:
         if not all(callable(getattr(density, name, None)) for name in ("rvs", "logpdf")):
-            raise UserTypeError(
-                "Expected density to have rvs(size, random_state) and logpdf(x), as frozen "
-                f"distributions of scipy.stats have, got {density!r}."
-            )
+            raise UserTypeError(f"{_EXPECTED}, got {density!r}.")
         self.dimension, self._space = len(space), space
         self._density, self._permits = density, permits
         self.table = density if isinstance(density, TableDensity) else None
@@ -81,9 +84,11 @@ class JointUse:
         kept = drawn[inside]
         self._mean = kept.mean(axis=0)
         covariance = np.atleast_2d(np.cov(kept, rowvar=False))
-        tiny = 1e-9 * max(float(np.trace(covariance)), 1e-300)
-        self._root = np.linalg.cholesky(covariance + tiny * np.eye(self.dimension))
+        tiny = np.maximum(1e-9 * np.diag(covariance), 1e-300)
+        self._root = np.linalg.cholesky(covariance + np.diag(tiny))
         self._shift = float(np.log(np.diag(self._root)).sum() - np.log(share))
+        if self.table is None:
+            self._check(self._whitened(kept[:_COMPARED]))
 
     def mu(self, z: Floats) -> Mu:
         """Return the worlds at points, (n, d)."""
@@ -104,9 +109,37 @@ class JointUse:
         inside = self._inside(values)
         logs = np.full(len(z), -np.inf)
         if inside.any():
-            given = np.asarray(self._density.logpdf(values[inside]), np.float64).reshape(-1)
-            logs[inside] = np.nan_to_num(given, nan=-np.inf) + self._shift
+            with explained(_EXPECTED):
+                given = np.asarray(self._density.logpdf(values[inside]), np.float64)
+            if given.size != inside.sum():
+                raise UserError(
+                    f"Expected density.logpdf of {inside.sum()} worlds to have shape "
+                    f"({inside.sum()},), got {given.shape}. Return a number for each row."
+                )
+            logs[inside] = np.nan_to_num(given.ravel(), nan=-np.inf) + self._shift
         return logs
+
+    def _check(self, drawn: Floats) -> None:
+        """Raise a UserError if rvs drew points, (n, d), that don't have the density of logpdf.
+
+        With draws of a known density q beside these of density p, p / (p + q) among the draws of q
+        has the mean of q / (p + q) among those of p (Bennett 1976). Both lie in 0 to 1.
+        """
+        normal = np.random.default_rng(0).normal(size=drawn.shape)
+        constant = 0.5 * self.dimension * np.log(2.0 * np.pi)
+        ratio, inverse = (
+            sign * (self.log_density(z) + 0.5 * (z**2).sum(axis=1) + constant)
+            for sign, z in ((1.0, normal), (-1.0, drawn))
+        )
+        shares = np.stack([expit(ratio), expit(inverse)])
+        error = np.sqrt(shares.var(axis=1).sum() / len(drawn))
+        if abs(np.subtract(*shares.mean(axis=1))) > _TOLERANCE + 5.0 * error:
+            raise UserError(
+                "Expected density.logpdf to be the logarithm of the density that density.rvs "
+                "draws from, with an integral of 1, got another, whose integral is about "
+                f"{np.exp(ratio.clip(max=700.0)).mean():.2g}. Normalise it, and give both the same "
+                "parameters."
+            )
 
     def _physical(self, z: Floats) -> Floats:
         return np.asarray(self._mean + z @ self._root.T)
@@ -115,7 +148,8 @@ class JointUse:
         return np.asarray(np.linalg.solve(self._root, (values - self._mean).T).T)
 
     def _values(self, count: int, rng: np.random.Generator) -> Floats:
-        drawn = np.asarray(self._density.rvs(size=count, random_state=rng), np.float64)
+        with explained(_EXPECTED):
+            drawn = np.asarray(self._density.rvs(size=count, random_state=rng), np.float64)
         if drawn.size != count * self.dimension or not np.isfinite(drawn).all():
             raise UserError(
                 f"Expected {count} finite draws of {self.dimension} parameters from density.rvs, "
