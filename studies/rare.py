@@ -228,7 +228,7 @@ def now(number: int, problem: Problem, seed: int) -> Outcome:
     """Estimate a problem's probability as `sada-gym estimate` does."""
     rng, noise = (np.random.default_rng((number, seed, *more)) for more in ((), (1,)))
     found = estimate_probability(
-        Normal(problem.dimension), lambda z: problem.answers(z, noise), 0.5, QUERIES, rng
+        Normal(problem.dimension), lambda z, _: problem.answers(z, noise), 0.5, QUERIES, rng
     )
     return Outcome(found.probability, *found.interval, found.refused is not None, QUERIES)
 

@@ -27,7 +27,7 @@ from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import PortableScorer
-from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.arrays import Bools, Floats, Indices
 from sada_gym.foundations.ids import names_file
 from sada_gym.measures.rates import wilson_interval
 from sada_gym.parameters import Mu
@@ -155,7 +155,11 @@ class Evaluator:
         warnings.warn(told, SlowWorlds, stacklevel=2)
 
     def evaluate(
-        self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
+        self,
+        mu: Mu,
+        seeds: Sequence[int],
+        report: Callable[[int, int], None],
+        judged: Bools | None = None,
     ) -> Evaluated:
         """Score mu, (n, d) float32, checked.
 
@@ -164,7 +168,8 @@ class Evaluator:
         fails, the store has all scores up to then.
 
         Raises:
-            UserError: If clearly more than `MOST_INVALID` of all worlds so far are invalid.
+            UserError: If clearly more than `MOST_INVALID` of all worlds so far are invalid, of
+                those alone that are `judged`, (n,), where that is given.
         """
         scores = np.full(len(mu), np.nan)
         invalid: dict[int, str] = {}
@@ -182,11 +187,11 @@ class Evaluator:
             invalid.update({int(chunk.rows[i]): why for i, why in answer.invalid.items()})
             done += len(answer.scores)
             report(done, cached)
-            self._check_valid(mu, len(answer.scores), answer.invalid, invalid)
+            self._check_valid(mu, chunk.rows, invalid, judged)
 
         if cached:
             report(done, cached)
-            self._check_valid(mu, cached, invalid, invalid)
+            self._check_valid(mu, np.flatnonzero(~np.isnan(scores)), invalid, judged)
         workers = 1 if self._dispatcher is None else self._dispatcher.workers
         size = self._chunk_size or _chunk_size(len(missing), workers, self._most)
         parts = [missing[start : start + size] for start in range(0, len(missing), size)]
@@ -199,15 +204,17 @@ class Evaluator:
         return Evaluated(scores, cached, dict(sorted(invalid.items())))
 
     def _check_valid(
-        self, mu: Mu, count: int, new: Mapping[int, str], known: Mapping[int, str]
+        self, mu: Mu, rows: Indices, known: Mapping[int, str], judged: Bools | None
     ) -> None:
-        broken = [why for why in new.values() if why != INFEASIBLE]
-        self._answered += count - (len(new) - len(broken))
+        chosen = (rows if judged is None else rows[judged[rows]]).tolist()
+        feasible = [row for row in chosen if known.get(row) != INFEASIBLE]
+        broken = [row for row in feasible if row in known]
+        self._answered += len(feasible)
         self._invalid += len(broken)
         if not broken or self._answered < MANY:
             return
         if wilson_interval(self._invalid, self._answered)[0] > MOST_INVALID:
-            row = next(i for i, why in known.items() if why != INFEASIBLE)
+            row = broken[0]
             raise too_many_invalid(
                 self._invalid, self._answered, self.application, mu[row], known[row]
             )

@@ -32,11 +32,17 @@ class InParts:
 
 
 def stored_scores(
-    evaluator: Evaluator, mu: Mu, seeds: Sequence[int], store: Path | None, on_scores: OnScores
+    evaluator: Evaluator,
+    mu: Mu,
+    seeds: Sequence[int],
+    store: Path | None,
+    on_scores: OnScores,
+    judged: Bools | None = None,
 ) -> Evaluations:
     """Score mu, (n, d), with n seeds, and keep the scores in a store.
 
-    Without a store, or for an application that nothing identifies, none is kept.
+    Without a store, or for an application that nothing identifies, none is kept. For `judged` see
+    `Evaluator.evaluate`.
     """
 
     def report(done: int, cached: int) -> None:
@@ -46,7 +52,7 @@ def stored_scores(
     if store is not None and known:
         evaluator.attach(store)
     try:
-        answer = evaluator.evaluate(mu, seeds, report)
+        answer = evaluator.evaluate(mu, seeds, report, judged)
     finally:
         evaluator.detach()
     invalid = np.zeros(len(mu), np.bool_)

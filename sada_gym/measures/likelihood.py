@@ -63,7 +63,7 @@ class FailureEstimate(Strict):
         method: How it was found.
         refused: Why it is not to be relied on; None where nothing speaks against it.
         held: The share of the density that lies in the ranges; the rest is left out.
-        drawn: The last, fresh draws that the estimate counts; of them `failures` failed.
+        drawn: The last, fresh, valid draws that the estimate counts; `failures` of them failed.
         failures: How many of these failed.
         plain: How many of these are plain draws of ordinary use, wherever failures are expected.
         plain_failures: How many plain draws failed.
@@ -131,10 +131,10 @@ class FailureEstimate(Strict):
     def _in_use(self) -> str:
         unit, many = self.unit or "episodes", self.per or 1_000
         some, low, high = (number(many * one) for one in (self.probability, *self.interval))
-        if not self.failures:
+        if not self.probability:
             return f"of {many:,} {unit} fewer than {high} fail (95 %)"
         told = f"of {many:,} {unit} {some} fail (95 %: {low} to {high})"
-        return f"{told}, one failure in {round(1.0 / self.probability):,} {unit}"
+        return f"{told}, one failure in {round(1.0 / self.probability):,}"
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield the name and the text of each finding, as the summary of a run has them."""

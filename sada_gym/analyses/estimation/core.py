@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from sada_gym.analyses.estimation.interval import exact_interval, gamma_interval
 from sada_gym.analyses.estimation.model import FailureModel, Scale
-from sada_gym.analyses.estimation.proposal import Model, Proposal, Use, stretched
+from sada_gym.analyses.estimation.proposal import SCALES, Model, Proposal, Use, stretched
 from sada_gym.foundations.arrays import Bools, Floats, Indices
 from sada_gym.foundations.figures import percent
 from sada_gym.measures.rates import wilson_interval
@@ -45,8 +45,8 @@ class Answers(NamedTuple):
     valid: Bools
 
 
-Ask = Callable[[Floats], Answers]
-"""Scores n fresh worlds at points, (n, d)."""
+Ask = Callable[[Floats, Bools], Answers]
+"""Scores n fresh worlds at points, (n, d), of which some, (n,), are plain draws."""
 
 Asked = tuple[Floats, Answers]
 """Points, (n, d), with their answers."""
@@ -107,9 +107,12 @@ def estimate_probability(
         return _counted(use, ask, budget, rng)
     last = int(_LAST * budget)
     first = stretched(use, int(_FIRST * budget), rng)
-    first = first[np.isfinite(use.log_density(first))]
-    first = first if len(first) else use.sample(1, rng)
-    asked = [(first, ask(first))]
+    inside = np.isfinite(use.log_density(first))
+    unstretched = np.resize(SCALES, len(first))[inside] == 1.0
+    first = first[inside]
+    if not len(first):
+        first, unstretched = use.sample(1, rng), np.ones(1, np.bool_)
+    asked = [(first, ask(first, unstretched))]
     score, _, valid = asked[0][1]
     scale = Scale(score[valid] if valid.any() else score)
     asked += [] if known is None else [known]
@@ -125,7 +128,7 @@ def estimate_probability(
         odds = found.ratio * proposal.boost(found.depth)
         rows = _choose(odds, count - plain, rng)
         z = np.concatenate([found.z[rows], use.sample(plain, rng)])
-        asked.append((z, ask(z)))
+        asked.append((z, ask(z, np.arange(count) >= count - plain)))
         spent += count
     model, failures = _learnt(asked, scale, threshold, rng)
     if not failures:
@@ -136,7 +139,8 @@ def estimate_probability(
 def _counted(use: Use, ask: Ask, count: int, rng: np.random.Generator) -> Found:
     """Count the failures of plain draws."""
     z = use.sample(count, rng)
-    return _found(z, np.full(count, 1.0 / count), ask(z), count, 0.0, learnt=False)
+    answers = ask(z, np.ones(count, np.bool_))
+    return _found(z, np.full(count, 1.0 / count), answers, count, 0.0, learnt=False)
 
 
 def _guided(use: Use, model: Model, ask: Ask, count: int, rng: np.random.Generator) -> Found:
@@ -159,7 +163,8 @@ def _guided(use: Use, model: Model, ask: Ask, count: int, rng: np.random.Generat
     weights[plain:] *= value.mean()
     share = guided * boost / (guided * boost + plain)
     pool_variance = float((found.ratio * share * ndtr(found.depth)).var() / len(share))
-    return _found(z, weights, ask(z), plain, pool_variance, learnt=True)
+    answers = ask(z, np.arange(count) < plain)
+    return _found(z, weights, answers, plain, pool_variance, learnt=True)
 
 
 def _found(

@@ -21,14 +21,14 @@ from sada_gym.analyses.estimation.table import TableDensity
 from sada_gym.analyses.estimation.use import IndependentUse, JointUse
 from sada_gym.application import Application
 from sada_gym.densities import Density, WorldDensity
-from sada_gym.errors import UserError, UserTypeError, check_integer, check_keywords
+from sada_gym.errors import UserError, UserTypeError, check_integer, check_keywords, check_plain
 from sada_gym.evaluation.executors import Workers
 from sada_gym.evaluation.oracle import MAX_QUERIES
-from sada_gym.evaluation.stored import InParts, OnScores
+from sada_gym.evaluation.stored import InParts, OnScores, stored_scores
 from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.experiment.names import check_spelling
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.foundations.arrays import Floats
+from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.foundations.files import shown, write_file, write_model
 from sada_gym.measures.diagnosis.grouping import by_weakness
 from sada_gym.measures.likelihood import (
@@ -104,6 +104,8 @@ def estimate(
     check_integer("budget", budget, _FEWEST, MAX_QUERIES)
     check_integer("seed", seed, 0)
     check_keywords("env_kwargs", {} if env_kwargs is None else env_kwargs)
+    check_integer("per", 1 if per is None else per, 1)
+    check_plain("the unit", unit or "")
     run = _as_run(run_or_application)
     with ExitStack() as stack:
         if run is not None:
@@ -143,26 +145,22 @@ def estimate_open(
 ) -> FailureEstimate:
     """Estimate of an agent, and maybe of a second one beside it, what `estimate` does."""
     first = opened[0].application
-    with ExitStack() as stack:
-        for one in opened:
-            if store is not None and one.application.fingerprint is not None:
-                one.evaluator.attach(store)
-                stack.callback(one.evaluator.detach)
-            one.evaluator.expect(budget)
-        rng = np.random.default_rng((seed, _DRAWING_SEED))
-        use = _use(first, density, rng)
-        asking = _Asking(opened, use, budget, seed, on_scores)
-        threshold = float(first.fooling_threshold) if len(opened) == 1 else 0.0
-        known = None if run is None else _known(run, use, first.fooling_threshold, threshold)
-        found = estimate_probability(use, asking, threshold, budget, rng, known)
-        each = [found.counted(answers) for answers in asking.last]
-        shares = () if run is None else _shares(run, opened[0], use.mu(found.z), each[0])
-        if run is not None and isinstance(use, JointUse) and use.table is not None:
-            from sada_gym.analyses.plots.density import marginals
+    for one in opened:
+        one.evaluator.expect(budget)
+    rng = np.random.default_rng((seed, _DRAWING_SEED))
+    use = _use(first, density, rng)
+    asking = _Asking(opened, use, budget, seed, None if store is None else Path(store), on_scores)
+    threshold = float(first.fooling_threshold) if len(opened) == 1 else 0.0
+    known = None if run is None else _known(run, use, first.fooling_threshold, threshold)
+    found = estimate_probability(use, asking, threshold, budget, rng, known)
+    each = [found.counted(answers) for answers in asking.last]
+    shares = () if run is None else _shares(run, opened[0], use.mu(found.z), each[0])
+    if run is not None and isinstance(use, JointUse) and use.table is not None:
+        from sada_gym.analyses.plots.density import marginals
 
-            drawn = use.table.rvs(_SHOWN, np.random.default_rng(0))
-            picture = marginals(first.parameters, use.table.rows, drawn)
-            write_file(run.folder / DENSITY_FILE, picture)
+        drawn = use.table.rvs(_SHOWN, np.random.default_rng(0))
+        picture = marginals(first.parameters, use.table.rows, drawn)
+        write_file(run.folder / DENSITY_FILE, picture)
     compared = None
     if len(opened) > 1:
         ratio, interval = ratio_of(*each)
@@ -174,6 +172,8 @@ def estimate_open(
             ratio_interval=interval,
         )
     counted, queries = each[0], asking.used * len(opened)
+    valid = asking.last[0].valid
+    plain = int(valid[: counted.plain].sum())
     return FailureEstimate(
         probability=counted.probability,
         interval=counted.interval,
@@ -181,12 +181,12 @@ def estimate_open(
         method=_GUIDED if counted.learnt else _COUNTED,
         refused=counted.refused,
         held=use.held,
-        drawn=len(counted.z),
+        drawn=int(valid.sum()),
         failures=int(counted.failed.sum()),
-        plain=counted.plain,
+        plain=plain,
         plain_failures=int(counted.failed[: counted.plain].sum()),
         effective=counted.effective,
-        unseen=1.0 - 0.05 ** (1.0 / counted.plain),
+        unseen=1.0 - 0.05 ** (1.0 / max(plain, 1)),
         shares=tuple(shares),
         density=use.data,
         seed=seed,
@@ -224,9 +224,16 @@ class _Asking:
     """
 
     def __init__(
-        self, opened: Sequence[OpenTarget], use: Use, budget: int, seed: int, on_scores: OnScores
+        self,
+        opened: Sequence[OpenTarget],
+        use: Use,
+        budget: int,
+        seed: int,
+        store: Path | None,
+        on_scores: OnScores,
     ) -> None:
         self._evaluators, self._use, self._seed = [one.evaluator for one in opened], use, seed
+        self._store = store
         spaces = [one.parameters.parameters for one in opened]
         if spaces[0] != spaces[-1]:
             raise UserError(
@@ -237,24 +244,19 @@ class _Asking:
         self.used = 0
         self.last: list[Answers] = []
 
-    def __call__(self, z: Floats) -> Answers:
-        """Score worlds at points, (n, d)."""
+    def __call__(self, z: Floats, plain: Bools) -> Answers:
+        """Score worlds at points, (n, d); of the plain ones, (n,), too many must not be invalid."""
         seeds = evaluation_seeds(self._seed, "validation", _FIRST_SEED + self.used, len(z))
         self.used += len(z)
-
-        def report(done: int, cached: int) -> None:
-            self._in_parts(done, len(z), cached)
-
         found = []
         for evaluator in self._evaluators:
             application = evaluator.application
             assert application is not None
             mu = application.parameters.validate(self._use.mu(z))
-            answer = evaluator.evaluate(mu, seeds, report)
-            valid = np.ones(len(z), np.bool_)
-            valid[[*answer.invalid]] = False
-            failed = fools(answer.scores, application.fooling_threshold)
-            found.append((application, Answers(answer.scores, failed, valid)))
+            # one store serves all agents in turn
+            scored = stored_scores(evaluator, mu, seeds, self._store, self._in_parts, plain)
+            failed = fools(scored.score, application.fooling_threshold)
+            found.append((application, Answers(scored.score, failed, ~scored.invalid)))
         valid = np.all([answers.valid for _, answers in found], axis=0)
         self.last = [Answers(a.score, a.failed & valid, valid) for _, a in found]
         if len(found) == 1:
@@ -321,9 +323,10 @@ def _known(run: Run, use: Use, threshold: float, zero: float) -> Asked | None:
 def _shares(run: Run, opened: OpenTarget, mu: Mu, found: Found) -> Sequence[RiskShare]:
     diagnosis = run.diagnosis
     rows = np.flatnonzero(found.failed)
-    if diagnosis is None or not diagnosis.weaknesses or not len(rows):
+    total = found.terms.sum()
+    if diagnosis is None or not diagnosis.weaknesses or not total:
         return ()
-    terms = found.terms[rows] / found.terms.sum()
+    terms = found.terms[rows] / total
     groups = by_weakness(diagnosis.weaknesses, opened.parameters, mu[rows])
     shares = [
         RiskShare(

@@ -6,15 +6,17 @@ import re
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, multivariate_t, norm
 from toy import Toy
 from typer.testing import CliRunner
 
 import sada_gym
 from sada_gym import Application, Parameter, ParameterSpace, Scored, attack, load_run
 from sada_gym.analyses.estimation.estimate import estimate
+from sada_gym.analyses.estimation.use import JointUse
 from sada_gym.cli import app
 from sada_gym.measures.likelihood import FailureEstimate, odds
+from sada_gym.parameters import all_can_exist
 
 NORMAL = {"normal": [0.0, 30.0]}
 TOY = {f"angle{i}_deg": NORMAL for i in range(2)}
@@ -32,10 +34,14 @@ class Slope(Application):
         Parameter("cars", -0.5, 9.5, whole=True),
     )
 
-    def __init__(self, limit=4.0, *, invalid_above=np.inf, permits=None):
-        self.limit, self.invalid_above = limit, invalid_above
+    def __init__(self, limit=4.0, *, invalid_above=np.inf, permits=None, agent_id=""):
+        self.limit, self.invalid_above, self.agent_id = limit, invalid_above, agent_id
         if permits is not None:
             self.permits = permits
+
+    @property
+    def fingerprint(self):
+        return self.agent_id
 
     def load(self, mu):
         wind, road, cars = self.parameters.physical(mu).T
@@ -170,6 +176,89 @@ def test_the_ratio_of_an_agent_to_itself_is_one_and_an_agent_needs_the_same_rang
         estimate(Slope(2.6), beside="new.zip", budget=400, density=DENSITIES)
 
 
+def test_two_agents_share_a_store_from_which_a_stopped_comparison_goes_on(tmp_path):
+    def compared(**given):
+        two = Slope(1.6, agent_id="one"), Slope(2.0, agent_id="two")
+        return estimate(two[0], beside=two[1], budget=60, density=DENSITIES, **given)
+
+    def stop(done, total, cached):
+        raise KeyboardInterrupt
+
+    store, seen = tmp_path / "scores.sqlite", []
+    with pytest.raises(KeyboardInterrupt):
+        compared(store=store, on_scores=stop)
+    again = compared(store=store, on_scores=lambda *counts: seen.append(counts))
+    assert again == compared()
+    assert seen[0][2] > 0
+    compared(store=store, on_scores=lambda *counts: seen.append(counts))
+    assert seen[-1] == (120, 120, 120)
+
+
+def test_invalid_worlds_of_ordinary_use_alone_are_judged():
+    # 4.6 % of ordinary worlds are invalid, and a third of those that are stretched
+    class Both(Slope):
+        def evaluate_batch(self, mu, seeds):
+            scored = super().evaluate_batch(mu, seeds)
+            wind = self.parameters.physical(mu)[:, 0]
+            return Scored(scored.score, [{"invalid": "a gust"} if abs(w) > 2 else {} for w in wind])
+
+    found = estimate(Both(2.5), budget=400, density=DENSITIES)
+    assert found.plain < 110  # of valid worlds
+    assert found.drawn < 220
+    assert found.unseen == 1.0 - 0.05 ** (1.0 / found.plain)
+    with pytest.raises(ValueError, match=r"at most 20% invalid worlds, got .* a gust"):
+        estimate(Slope(2.5, invalid_above=-0.4), budget=400, density=DENSITIES)
+
+
+class Given:
+    """A joint density of three parameters, whose methods a test changes."""
+
+    normal = multivariate_normal([0.0] * 3, np.diag([900.0, 25.0, 1.0]))
+
+    def __init__(self, **changed):
+        self.rvs, self.logpdf = self.normal.rvs, self.normal.logpdf
+        vars(self).update(changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"logpdf": lambda x: Given.normal.logpdf(x) + 5.0}, "integral is about 1.5e"),
+        ({"logpdf": lambda x: Given.normal.logpdf(x) - 0.3}, "integral is about 0.7"),
+        ({"logpdf": lambda x: Given.normal.logpdf(x / 2.0) - np.log(8.0)}, "density.rvs draws"),
+        ({"logpdf": lambda x: 0.0}, r"shape \([0-9]+,\), got \(\)"),
+        ({"logpdf": lambda x: np.zeros((len(x), 2))}, r"got \([0-9]+, 2\). Return a number"),
+        ({"logpdf": lambda x: x @ np.eye(2)}, "Expected density to have rvs.* got ValueError"),
+        ({"rvs": lambda size: np.zeros((size, 3))}, "Expected density to have rvs.* got TypeError"),
+    ],
+)
+def test_a_density_that_does_not_fit_its_draws_is_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
+        estimate(Toy(3), budget=20, density=Given(**changed))
+
+
+def test_a_density_that_fits_its_draws_is_taken_whatever_its_units():
+    heavy = multivariate_t([0.0, 0.0], [[9.0, 3.0], [3.0, 4.0]], df=3)
+    assert estimate(Toy(2), budget=20, density=heavy).drawn == 20
+    space = ParameterSpace(Parameter("mass", 0.0, 2e9), Parameter("slope", -0.1, 0.1))
+    mean, sd, rng = np.array([1e9, 0.0]), np.array([1e8, 0.01]), np.random.default_rng(0)
+    density = Given(
+        rvs=lambda size, random_state: random_state.normal(mean, sd, (size, 2)),
+        logpdf=lambda x: norm.logpdf(x, mean, sd).sum(axis=1),
+    )
+    use = JointUse(space, density, all_can_exist, rng)
+    assert use.sample(20_000, rng)[:, 1].std() == pytest.approx(1.0, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [({"per": 0}, "per of at least 1"), ({"unit": "a\nb"}, "unit in one line")],
+)
+def test_bad_words_of_the_use_are_found_before_the_budget_is_spent(given, message):
+    with pytest.raises(ValueError, match=message):
+        estimate(Toy(2), budget=20, density=TOY, on_scores=lambda *_: 1 / 0, **given)
+
+
 def test_an_agent_that_never_failed_gives_a_ratio_without_a_bound():
     found = estimate(Slope(1.0), beside=Slope(99.0), budget=100, density=DENSITIES)
     low, high = found.beside.ratio_interval
@@ -255,11 +344,11 @@ def test_the_line_for_a_safety_case():
 def test_failures_are_told_by_use():
     rows = dict(record(per=1_000, unit="flights", to_halve=6_000).rows())
     assert rows["in use"] == (
-        "of 1,000 flights 0.1 fail (95 %: 0.05 to 0.24), one failure in 10,000 flights"
+        "of 1,000 flights 0.1 fail (95 %: 0.05 to 0.24), one failure in 10,000"
     )
     assert rows["to halve this interval"] == "about 6,000 more queries"
     assert "in use" not in dict(record().rows())
-    nothing = record(probability=0.0, failures=0, interval=(0.0, 3.4e-3), unit="trips")
+    nothing = record(probability=0.0, interval=(0.0, 3.4e-3), unit="trips")  # weights underflow
     assert dict(nothing.rows())["in use"] == "of 1,000 trips fewer than 3.4 fail (95 %)"
 
 

@@ -30,7 +30,7 @@ def asker(margin, *, invalid=0.0, flat=False, seed=0):
     """Score worlds that fail where the margin is negative."""
     rng = np.random.default_rng(seed)
 
-    def ask(z):
+    def ask(z, plain):
         m = margin(z)
         score = np.where(m > 0.0, 1.0, 0.0) if flat else np.clip(0.5 + 0.1 * m, 0.0, 1.0)
         valid = rng.random(len(z)) >= invalid
