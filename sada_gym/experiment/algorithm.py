@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from sada_gym.application import feasible_worlds
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.evaluations import Evaluations
+from sada_gym.evaluations import Evaluations, fools
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.invalid import check_share, invalid_worlds
 from sada_gym.experiment.measure import (
@@ -38,7 +39,13 @@ from sada_gym.experiment.nominal import (
     most_worlds,
     seeds_within,
 )
-from sada_gym.experiment.record import FailureProbability, RunReport, RunSettings, UniformQueries
+from sada_gym.experiment.record import (
+    BrokenRequirements,
+    FailureProbability,
+    RunReport,
+    RunSettings,
+    UniformQueries,
+)
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.novelty import Neighbours, image_neighbours
 from sada_gym.measures.rates import weighted_rate
@@ -46,6 +53,8 @@ from sada_gym.measures.sensitivity import Influence, fit_failures
 from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
+_MOST_JUDGED = 200
+"""Failing samples that are played again to see which of several requirements they broke."""
 
 Stage = Literal["train", "learn", "sample", "test", "measure", "diagnose", "confirm", "pictures"]
 """What a run is doing: it queries (`train`), learns from the scores (`learn`), and so on."""
@@ -237,6 +246,24 @@ class Algorithm1:
             in_use=self._failure_probability(),
             nominal=self._nominal_world() if explore else None,
             influences=self._influences() if explain else (),
+            requirements=self._broken_requirements(),
+        )
+
+    def _broken_requirements(self) -> BrokenRequirements | None:
+        application, names = self.application, self.application.requirements
+        failing = self.samples[self.samples.fooled(self._threshold)][:_MOST_JUDGED]
+        if not names or not application.repeatable or not len(failing):
+            return None
+        infos = application.evaluate(failing.mu, failing.seed.tolist()).infos  # no store has them
+        broken = [
+            [name for name in names if fools(info["requirements"][name], self._threshold)]
+            for info in infos
+        ]
+        together = Counter(" and ".join(one) or "none on average" for one in broken)
+        return BrokenRequirements(
+            worlds=len(failing),
+            each={name: sum(name in one for one in broken) for name in names},
+            together=dict(together.most_common()),
         )
 
     def _nominal_world(self) -> NominalWorld | None:

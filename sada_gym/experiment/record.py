@@ -169,6 +169,21 @@ class FailureProbability(Strict):
     worth: float
 
 
+class BrokenRequirements(Strict):
+    """Which of several requirements failing samples broke; of many, the first ones.
+
+    Attributes:
+        worlds: The number of these samples.
+        each: How many of them broke each requirement.
+        together: How many broke exactly these and no others, such as `up and calm`, the most
+            frequent first. Over several episodes the mean margins count, which may all hold.
+    """
+
+    worlds: int
+    each: dict[OneLine, int]
+    together: dict[OneLine, int]
+
+
 class RunReport(Measures):
     """The contents of result.json: the measures of a run, and its settings.
 
@@ -187,6 +202,8 @@ class RunReport(Measures):
             application does not know that world.
         influences: How much of the failure probability's variance each parameter explains, by all
             queries and samples; none where there are too few worlds, failures or others.
+        requirements: Which of several requirements failed; None where the score is a single one, no
+            sample fooled, or scores do not repeat.
     """
 
     settings: RunSettings
@@ -199,6 +216,7 @@ class RunReport(Measures):
     in_use: FailureProbability | None = None
     nominal: NominalWorld | None = None
     influences: tuple[Influence, ...] = ()
+    requirements: BrokenRequirements | None = None
     where: Any = Field(None, exclude=True)  # of files before the diagnosis alone said it
 
     def measures(self) -> Measures:

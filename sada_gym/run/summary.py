@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import FeasibleRate
@@ -57,6 +58,7 @@ def summary_rows(
     behaviours = None if failures is None else failures.behaviours
     if behaviours is not None and all(one.behaviour is None for one in weaknesses):
         yield "what it does", behaviours.sentence
+    yield from _requirements(report)
     if report.influences:
         yield "what matters", _influences(report.influences, values)
     if report.nominal is not None and not report.nominal.fooled * 2 > report.nominal.evaluations:
@@ -136,6 +138,31 @@ def _rates(report: RunReport, failures: Failures | None) -> Iterator[str]:
         yield text.replace(" (", f" of worlds that {report.settings.label} makes (")
     if failures is not None:
         yield failures.again
+
+
+def _requirements(report: RunReport) -> Iterator[tuple[str, str]]:
+    """Say which formula the score stands for; of several requirements, which failed together."""
+    target, counts = report.settings.experiment.target, report.requirements
+    score: Any = target.application.settings.get("score")
+    if isinstance(score, list) and score[:1] == ["stl"]:
+        yield "requirement", f"{_said(score)}, fails where Q ≤ {target.fooling_threshold:g}"
+    named = score[-1] if isinstance(score, list) and score else score
+    if counts is None or not isinstance(named, dict):
+        return
+    lines = [
+        f"{name}: {_said(one)}, fails where Q ≤ {threshold:g}; broken in {counts.each[name]} of "
+        f"{counts.worlds} failures"
+        for name, (one, threshold) in named.items()
+    ]
+    together = [f"{names} in {count}" for names, count in counts.together.items()]
+    yield "requirements", "\n".join([*lines, f"together: {', '.join(together)}"])
+
+
+def _said(score: Any) -> str:
+    if not isinstance(score, list):
+        return str(score)
+    said = score[1:2] if score[0] == "stl" else score
+    return " ".join(" ".join(map(str, said)).split())  # a formula may have several lines
 
 
 def _in_use(found: FailureProbability) -> str:

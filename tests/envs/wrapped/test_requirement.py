@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym import GymnasiumApplication
+from sada_gym import GymnasiumApplication, attack
 from sada_gym.envs.wrapped.requirement import Requirement
 from sada_gym.envs.wrapped.scores import Episode, as_score
 from sada_gym.errors import InvalidWorld, UserError
@@ -240,3 +240,19 @@ def test_an_application_with_a_requirement(where):
         fooling_threshold=0.5,
     )
     assert both.evaluate([[0.0]], [0]).infos[0]["requirements"]["upright"] == found
+
+
+def test_a_report_says_the_formula(tmp_path):
+    formula = "always[0:30]\n(abs(angle) < 0.05)"
+    application = GymnasiumApplication(
+        "CartPole-v1",
+        agent=Still(),
+        agent_id="still",
+        parameters={"gravity": (5.0, 15.0)},
+        score=("stl", formula, {"angle": 2}, 0.05),
+        fooling_threshold=0.5,
+    )
+    options = {"budget": 0, "samples": 4, "pictures": False}
+    run = attack(application, "random", out=tmp_path / "run", **options)
+    text = "always[0:30] (abs(angle) < 0.05), fails where Q ≤ 0.5"
+    assert dict(run.rows())["requirement"] == text

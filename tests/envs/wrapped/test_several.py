@@ -155,13 +155,28 @@ earned = 0.4
 @pytest.mark.long
 def test_the_diagnosis_and_the_gate_tell_them(tmp_path):
     application = pole()
-    run = attack(application, "random", budget=60, samples=30, out=tmp_path / "run", pictures=False)
+    run = attack(application, "random", budget=60, samples=30, out=tmp_path / "run")
     told = [event.text for event in run.failures.behaviours.events]
     assert told
     assert all(text.startswith("fails ") for text in told)
     assert any(" and " in text for text in told)
     assert run.diagnosis is not None
     assert all("fails " in weakness.behaviour for weakness in run.diagnosis.weaknesses)
+    counts, fooled = run.result.requirements, run.samples.fooled(EDGE)
+    margins = [
+        info["requirements"]
+        for info in application.evaluate(run.samples.mu, run.samples.seed.tolist()).infos
+    ]
+    assert counts.worlds == sum(counts.together.values()) == fooled.sum()
+    assert counts.each == {name: sum(one[name] <= EDGE for one in margins) for name in SCORES}
+    alone = sum(one["up"] <= EDGE < min(one["calm"], one["earned"]) for one in margins)
+    assert counts.together.get("up", 0) == alone
+    text = dict(run.rows())["requirements"]
+    line = f"up: length 100, fails where Q ≤ 0.9; broken in {counts.each['up']} of {fooled.sum()}"
+    assert line in text
+    page = run.html.read_text()
+    assert line in page
+    assert text.splitlines()[-1] in page
     export(run, tmp_path / "suite", application=application)
     result = regress(tmp_path / "suite", application)
     assert "fails " in result.failing
