@@ -10,6 +10,8 @@ from sada_gym.envs.metadrive.frame import summary
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED, FAILED = 1, 13
+LINE, HEAD = 30, 180
+"""Pixels: a line of a summary's text, and all of its text."""
 
 
 def uniform(seed: int) -> np.ndarray:
@@ -21,7 +23,8 @@ def main() -> None:
     """Draw a nominal drive beside one that fails."""
     application = make_application("SADA-DrivingMetaDrive-v0")
     worlds = ((application.nominal, SEED), (uniform(FAILED), FAILED))
-    frames = [summary(application.rollouts(mu, seed)) for mu, seed in worlds]
+    summaries = [summary(application.rollouts(mu, seed)) for mu, seed in worlds]
+    frames = [np.vstack([one[: LINE + 4], one[HEAD:]]) for one in summaries]
     Image.fromarray(np.hstack(frames)).save(IMAGES / "metadrive.png", optimize=True)
 
 
