@@ -43,7 +43,7 @@ from sada_gym.foundations import serve_environment
 from sada_gym.testing.purity import assert_pure
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "agent-process.md"
+PAGE = ROOT / "docs" / "agent-without-package.md"
 SUPPORT = ROOT / "tests" / "support"
 
 

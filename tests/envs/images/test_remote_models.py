@@ -25,7 +25,7 @@ from sada_gym.testing.purity import assert_pure
 
 pytest.importorskip("cv2")
 
-PAGE = Path(__file__).parents[3] / "docs" / "agent-process.md"
+PAGE = Path(__file__).parents[3] / "docs" / "agent-without-package.md"
 
 SERVE = """import pathlib, sys
 import numpy as np
