@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sada_gym.analyses.plots.style import FOOLED, UNHURT, new_figure, svg, tidy
 from sada_gym.foundations.drawing import own_style
 from sada_gym.foundations.frames import INK, MUTED
-from tools.draw_results import IMAGES, ROOT, named
+from tools.draw_results import DOCS, IMAGES, ROOT, bars, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +61,31 @@ def over_seeds() -> Figure:
     return figure
 
 
-CHARTS = {"coco-pitch": over_pitch, "reference-seeds": over_seeds}
+def of_pixel_attacks() -> Figure:
+    """Draw how many of the first ten images each attack fools, at two radii of the noise."""
+    radii = ("radius 0.15", "radius 0.25")
+    heading, *rows = named(DOCS / "environments" / "pixel.md", radii[0])
+    figure = new_figure(7.2, 3.2)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, radius in zip(panels, radii, strict=True):
+        cells = [re.findall(r"\((\d+)\)", row[heading.index(radius)]) for row in rows]
+        colours = [MUTED if row[1] == "gradient" else FOOLED for row in rows]
+        colours = [
+            UNHURT if row[0] == "Square" else c for row, c in zip(rows, colours, strict=True)
+        ]
+        values = [float(count) for (count,) in cells]
+        bars(axes, [row[0] for row in rows], values, ".0f", color=colours)
+        axes.set_title(radius, fontsize=11, color=INK, loc="left")
+        axes.set(xlabel="images fooled, of ten", xlim=(0, 11))
+        tidy(axes, grid="x")
+    return figure
+
+
+CHARTS = {
+    "coco-pitch": over_pitch,
+    "pixel-attacks": of_pixel_attacks,
+    "reference-seeds": over_seeds,
+}
 
 
 @own_style()
