@@ -25,6 +25,8 @@ polygon { fill: var(--soft) }
 }
 </style>"""
 ATTACK, SERVER = 110, 530
+STEP = 74
+"""Pixels from one message to the next."""
 MESSAGES = (
     (True, "hello", "spaces, action_masks, deterministic"),
     (False, "hello", "protocol 2, name or fingerprint, rows"),
@@ -68,17 +70,17 @@ def drawing(width: int, height: int, title: str, parts: list[str]) -> str:
 
 def protocol() -> str:
     """Draw the messages of a connection from the top down."""
-    bottom, parts = 96 + 68 * len(MESSAGES), []
+    bottom, parts = 96 + STEP * len(MESSAGES), []
     for x, name in ((ATTACK, "attack"), (SERVER, "server")):
         parts += [f'<path d="M{x} 48V{bottom}"/>']
         parts += [f'<rect x="{x - 80}" y="8" width="160" height="40" rx="8"/>']
         parts += [text(x, 34, name, "name")]
     for place, (request, kind, holds) in enumerate(MESSAGES):
-        y = 104 + 68 * place
+        y = 104 + STEP * place
         parts += [arrow(*((ATTACK, SERVER) if request else (SERVER, ATTACK)), y)]
         middle = (ATTACK + SERVER) / 2
         parts += [text(middle, y - 10, kind, "name"), text(middle, y + 21, holds, "soft")]
-    y, height = 63 + 68 * REPEATED, 68 * (len(MESSAGES) - REPEATED)
+    y, height = 60 + STEP * REPEATED, STEP * (len(MESSAGES) - REPEATED)
     parts += [f'<rect class="frame" x="16" y="{y}" width="608" height="{height}" rx="6"/>']
     parts += [text(26, y + 20, "each", "soft left"), text(26, y + 38, "step", "soft left")]
     title = "The attack sends hello and then act for each step; the server answers each message"
@@ -87,7 +89,7 @@ def protocol() -> str:
 
 def parameters() -> str:
     """Draw the stages of an episode from the left, and what is set at each."""
-    parts, width, gap = [], 132, 22
+    parts, width, gap = [], 148, 20
     for place, (stage, sets) in enumerate(STAGES):
         x = 2 + place * (width + gap)
         parts += [f'<rect x="{x}" y="4" width="{width}" height="92" rx="8"/>']
