@@ -1,6 +1,7 @@
 """How likely worlds are in ordinary use: densities of parameters, as data.
 
-A density belongs to a parameter's physical values, and is cut off at the ends of its range.
+A density belongs to a parameter's physical values, and is cut off at the ends of its range. That of
+an angle that goes all around is wrapped: 350 degrees are -10.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _FORMS = (
 )
 _CELLS = 4_096
 """Parts of a continuous range, in each of which a density counts as even."""
+_TURNS = 20
+"""An angle's density is summed over so many turns on both sides of its centre."""
 _MOST_COUNTED = 65_536
 """Whole numbers of a longer range count as continuous."""
 _LEAST = 1e-3
@@ -209,9 +212,14 @@ class _Cells:
             )
         else:
             _check_numbers(parameter, density)
+            ends, turns = density.ends, [0.0]
+            if parameter.directions:
+                low, around = parameter.low, np.arange(-_TURNS, _TURNS + 1.0)
+                turns = (360.0 * ((density.centre - low) // 360.0 + around)).tolist()
+                ends = tuple(low + (end - low) % 360.0 for end in ends)
             if not is_counted:
-                edges = _with_ends(edges, density.ends)
-            masses = np.diff(density.below(edges))
+                edges = _with_ends(edges, ends)
+            masses = np.sum([np.diff(density.below(edges + turn)) for turn in turns], axis=0)
         held = float(masses.sum())
         if not held >= _LEAST:
             raise UserError(

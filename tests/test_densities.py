@@ -1,5 +1,7 @@
 """Densities of worlds in ordinary use: what they say, what they draw, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -48,6 +50,27 @@ def test_a_density_is_what_it_says_and_draws_so(name, data, truth):
     assert np.abs(drawn).max() <= 1.0
     assert stats.kstest(SPACE.physical(drawn)[:, column], truth.cdf).pvalue > 1e-3
     assert stats.kstest((drawn[:, 5] + 1) / 2, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"normal": [-30.0, 10.0]},
+        {"truncated-normal": [690.0, 10.0, 600.0, 780.0]},
+        {"uniform": [-47.32, -12.68]},
+        {"values": [-54.5, -30.0, -5.5], "weights": [0, 1, 0]},
+    ],
+)
+def test_an_angle_goes_around(data):
+    heading = Parameter("heading_deg", 0.0, 360.0, "deg", directions=("n", "w", "s", "e"))
+    for low in (0.0, -180.0, -25.0):
+        space = ParameterSpace(replace(heading, low=low, high=low + 360.0))
+        density = WorldDensity(space, {"heading_deg": Density(data)})
+        assert density.held == pytest.approx(1.0)
+        values = space.physical(density.sample(20_000, np.random.default_rng(0)))[:, 0]
+        near = (values + 30.0 + 180.0) % 360.0 - 180.0
+        assert near.mean() == pytest.approx(0.0, abs=0.5)
+        assert near.std() == pytest.approx(10.0, rel=0.03)
 
 
 @pytest.mark.parametrize(

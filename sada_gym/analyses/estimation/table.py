@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 from pathlib import Path
 from typing import Any
@@ -17,15 +18,18 @@ from sada_gym.parameters import Parameter, ParameterSpace
 
 _FEWEST, _MOST = 20, 2_000
 _NARROWEST = 1e-3  # of a range, for a parameter that never changed
+_ALL_AROUND = 0.15  # of a turn, the standard deviation of angles that lie all around
 _CHUNK = 2_000
 
 
 class TableDensity:
     """The density around logged worlds, over physical values: a kernel on each row.
 
-    Numbers have Gaussian kernels over shares of their range, each cut off at its ends, as wide as
-    Scott's rule says (1992). A choice has its frequency, smoothed as if each had been seen once
-    more (Laplace). Of more than 2,000 rows that many are taken, evenly.
+    Numbers have Gaussian kernels over shares of their range, as wide as Scott's rule says (1992).
+    The rows are shrunk towards their mean first, so that draws vary as the rows do (Silverman and
+    Young 1987). Kernels are cut off at the ends of the range; those of angles go around. A choice
+    has its frequency, smoothed as if each had been seen once more (Laplace). Of more than 2,000
+    rows that many are taken, evenly.
 
     Attributes:
         space: The parameters.
@@ -39,7 +43,12 @@ class TableDensity:
         Raises:
             UserError: If there are too few rows, or one holds no number.
         """
-        values = _read(space, Path(rows)) if isinstance(rows, str | Path) else _array(space, rows)
+        is_file = isinstance(rows, str | Path)
+        values = _read(space, Path(rows)) if is_file else _array(space, rows)
+        for parameter, column in zip(space.parameters, values.T, strict=True):
+            if parameter.directions:
+                beyond = (column < parameter.low) | (column > parameter.high)
+                column[beyond] = parameter.low + (column[beyond] - parameter.low) % 360.0
         shares = _shares(space, values)
         inside = ((shares >= 0.0) & (shares <= 1.0)).all(axis=1)
         if inside.sum() < _FEWEST:
@@ -52,17 +61,30 @@ class TableDensity:
         if len(chosen) > _MOST:
             chosen = chosen[np.linspace(0, len(chosen) - 1, _MOST).astype(int)]
         self.rows, self.space = values[chosen], space
-        self.data = {"table": {"rows": len(values), "in_ranges": int(inside.sum())}}
+        table: dict[str, Any] = {"rows": len(values), "in_ranges": int(inside.sum())}
+        if is_file:
+            digest = hashlib.sha256(read_file(Path(rows), MAX_JSON_BYTES)).hexdigest()
+            table.update(path=str(rows), sha256=digest)
+        self.data = {"table": table}
         named = np.array([len(parameter.choices) for parameter in space.parameters])
         self._numbers, self._named = np.flatnonzero(named == 0), np.flatnonzero(named)
         self._counts = named[self._named]
-        n, self._at = len(chosen), shares[chosen][:, self._numbers]
-        width = self._at.std(axis=0) * n ** (-1.0 / (len(self._numbers) + 4.0))
-        self._width = np.maximum(width, _NARROWEST)
+        n, at = len(chosen), shares[chosen][:, self._numbers]
+        self._around = np.array([bool(space.parameters[i].directions) for i in self._numbers], bool)
+        middle = np.angle(np.exp(2j * np.pi * at).sum(axis=0)) / (2.0 * np.pi)
+        mean = np.where(self._around, middle, at.mean(axis=0))
+        step = np.where(self._around, (at - mean + 0.5) % 1.0 - 0.5, at - mean)
+        spread = step.std(axis=0)
+        width = np.maximum(spread * n ** (-1.0 / (len(self._numbers) + 4.0)), _NARROWEST)
+        shrunk = spread / np.hypot(spread, width)
+        shrunk[self._around & (spread > _ALL_AROUND)] = 1.0  # such angles have no mean
+        self._at = np.where(self._around, (mean + shrunk * step) % 1.0, mean + shrunk * step)
+        self._width = np.maximum(shrunk * width, _NARROWEST)
         self._cells = self._cell(shares[chosen])
         self._mixed = self._counts / (n + self._counts)
-        self._first = ndtr(-self._at / self._width)
-        self._mass = ndtr((1.0 - self._at) / self._width) - self._first
+        self._first = np.where(self._around, 0.0, ndtr(-self._at / self._width))
+        last = np.where(self._around, 1.0, ndtr((1.0 - self._at) / self._width))
+        self._mass = last - self._first
         scale = self._width * np.sqrt(2.0 * np.pi)
         self._weight = -np.log(self._mass * scale).sum(axis=1) - np.log(n)
 
@@ -72,7 +94,8 @@ class TableDensity:
         rows = rng.integers(len(self.rows), size=size)
         shares = np.empty((size, len(self.space)))
         place = self._first[rows] + rng.random((size, len(self._numbers))) * self._mass[rows]
-        shares[:, self._numbers] = self._at[rows] + self._width * ndtri(place)
+        drawn = self._at[rows] + self._width * ndtri(np.maximum(place, 1e-16))
+        shares[:, self._numbers] = np.where(self._around, drawn % 1.0, drawn)
         even = rng.integers(self._counts, size=(size, len(self._counts)))
         cells = np.where(rng.random(even.shape) < self._mixed, even, self._cells[rows])
         shares[:, self._named] = (cells + rng.random(even.shape)) / self._counts
@@ -91,9 +114,15 @@ class TableDensity:
         return logs
 
     def _log_at(self, shares: Floats) -> Floats:
-        here, there = shares[:, self._numbers] / self._width, self._at / self._width
+        scaled = shares[:, self._numbers] / self._width, self._at / self._width
+        here, there = (each[:, ~self._around] for each in scaled)
         far = (here**2).sum(axis=1)[:, None] + (there**2).sum(axis=1) - 2.0 * here @ there.T
         logs = self._weight - 0.5 * np.maximum(far, 0.0)
+        for k in np.flatnonzero(self._around):
+            turn = 1.0 / self._width[k]
+            step = np.abs(scaled[0][:, k, None] - scaled[1][:, k])
+            near = np.minimum(step, turn - step)
+            logs += np.logaddexp(-0.5 * near**2, -0.5 * (turn - near) ** 2)
         for cell, row, count, mixed in zip(
             self._cell(shares).T, self._cells.T, self._counts, self._mixed, strict=True
         ):
@@ -119,7 +148,7 @@ def _stretch(parameter: Parameter, values: Floats) -> Floats | float:
 
 def _array(space: ParameterSpace, rows: Any) -> Floats:
     try:
-        values = np.asarray(rows, np.float64)
+        values = np.array(rows, np.float64)
     except (TypeError, ValueError) as error:
         raise UserError(f"Expected a table of numbers as density, got {error}.") from error
     if values.ndim != 2 or values.shape[1] != len(space):

@@ -75,8 +75,14 @@ class JointUse:
         self.dimension, self._space = len(space), space
         self._density, self._permits = density, permits
         self.table = density if isinstance(density, TableDensity) else None
-        named = {"joint": type(density).__name__}
-        self.data: dict[str, Any] = getattr(density, "data", named)
+        told = {
+            name: getattr(density, name, None) for name in ("mean", "cov", "loc", "shape", "df")
+        }
+        numbers = {
+            k: np.asarray(v).tolist() for k, v in told.items() if np.asarray(v).dtype != object
+        }
+        joint = {"joint": {"kind": type(density).__name__, **numbers}}
+        self.data: dict[str, Any] = joint if self.table is None else self.table.data
         drawn = self._values(_COUNTED, rng)
         inside = self._inside(drawn)
         share = _checked_share(inside)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 from typer.testing import CliRunner
 
 from sada_gym import attack, estimate
@@ -70,6 +71,41 @@ def test_rows_outside_of_the_ranges_are_left_out_and_counted():
     assert density.data == {"table": {"rows": 400, "in_ranges": 300}}
 
 
+@pytest.mark.parametrize(("dimension", "count"), [(2, 300), (8, 1_000)])
+def test_tails_are_no_more_likely_than_in_the_table(dimension, count):
+    space = ParameterSpace(*(Parameter(f"x{i}", -8.0, 8.0) for i in range(dimension)))
+    density = TableDensity(space, np.random.default_rng(0).normal(size=(count, dimension)))
+    drawn = density.rvs(200_000, np.random.default_rng(1))
+    assert drawn.std(axis=0) == pytest.approx(density.rows.std(axis=0), rel=0.01)
+    beyond = drawn.sum(axis=1) / dimension**0.5 > 3.0  # Scott's rule alone: 2.2 and 4.5 times
+    assert beyond.mean() == pytest.approx(norm.sf(3.0), rel=0.6)
+
+
+@pytest.mark.parametrize("spread", [0.0, 10.0, 400.0])
+def test_angles_go_around(spread):
+    space = ParameterSpace(
+        Parameter("heading_deg", 0.0, 360.0, "deg", directions=("n", "w", "s", "e")),
+        Parameter("wind", -5.0, 5.0),
+    )
+    rows = np.random.default_rng(0).normal(0.0, [spread, 1.0], (300, 2))
+    density = TableDensity(space, rows)  # of -180 to 180, not 0 to 360
+    assert density.held == 1.0
+    drawn = density.rvs(20_000, np.random.default_rng(1))[:, 0]
+    assert drawn.min() >= 0.0
+    assert drawn.max() <= 360.0
+    if spread < 100.0:
+        near = (drawn + 180.0) % 360.0 - 180.0
+        assert near.std() == pytest.approx(spread, rel=0.1, abs=1.0)
+    grid = np.stack(np.meshgrid(np.linspace(0.0, 360.0, 7_201)[:-1], [-1.0, 1.0]), -1).reshape(
+        -1, 2
+    )
+    mass = np.exp(density.logpdf(grid)).reshape(2, -1).mean(axis=0)
+    half = mass[:3_600].sum() / mass.sum()
+    assert (drawn < 180.0).mean() == pytest.approx(half, abs=0.05)
+    ends = density.logpdf(np.array([[0.0, 0.0], [360.0, 0.0]]))
+    assert ends[0] == pytest.approx(ends[1])
+
+
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
@@ -118,11 +154,16 @@ def test_a_run_takes_a_table_and_shows_it(tmp_path):
     )
     rows = np.random.default_rng(0).normal(0.0, 0.2, (100, 2))
     lines = [f"{b},{a},7" for a, b in rows.clip(-1, 1).tolist()]
-    (tmp_path / "log.csv").write_text("\n".join(["x1,x0,note", *lines]))
+    log = "\n".join(["x1,x0,note", *lines])
+    (tmp_path / "log.csv").write_text(log)
     words = ["estimate", str(run.folder), "--budget", "60", "--density", str(tmp_path / "log.csv")]
+    (tmp_path / "log.tsv").write_text(log.replace(",", "\t"))
+    tabs = [*words[:-1], str(tmp_path / "log.tsv")]
+    assert CliRunner().invoke(app, tabs).exit_code == 0
     result = CliRunner().invoke(app, [*words, "--json"])
     assert result.exit_code == 0, result.output
     content = json.loads(result.stdout)
-    assert content["density"] == {"table": {"rows": 100, "in_ranges": 100}}
+    told = {"path": str(tmp_path / "log.csv"), "sha256": hashlib.sha256(log.encode()).hexdigest()}
+    assert content["density"] == {"table": {"rows": 100, "in_ranges": 100, **told}}
     assert (run.folder / "density.png").read_bytes()[:4] == b"\x89PNG"
     assert estimate(run, budget=60, density=rows.clip(-1, 1)).probability == content["probability"]
