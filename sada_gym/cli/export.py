@@ -48,6 +48,8 @@ def export(
 
     `sada-gym regress` tests another agent with it. After a stop, the same command continues.
     """
+    with errors_as_sentences():
+        check_known("--format", [form], ["suite", "cases", "sarif", "odd"])
     if form == "odd":
         _export_domain(runs, out_file, as_json)
         return

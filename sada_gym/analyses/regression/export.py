@@ -134,18 +134,17 @@ def export(
         )
     with file_errors("make the folder", path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    _WRITERS[form](path, suite)
+    agent, toml = suite.test_item.agent_file, given.path if given.by == "toml" else None
+    _WRITERS[form](path, suite, toml if agent is None else path.parent / agent.path)
     return Exported(path, suite)
 
 
-def _write_cases(path: Path, suite: Suite) -> None:
-    write_file(path, as_csv(suite) if path.suffix == ".csv" else as_json(suite))
-
-
-_WRITERS: Mapping[str, Callable[[Path, Suite], None]] = {
-    "suite": write_suite,
-    "cases": _write_cases,
-    "sarif": lambda path, suite: write_file(path, as_sarif(suite)),
+_WRITERS: Mapping[str, Callable[[Path, Suite, Path | None], None]] = {
+    "suite": lambda path, suite, _: write_suite(path, suite),
+    "cases": lambda path, suite, _: write_file(
+        path, as_csv(suite) if path.suffix == ".csv" else as_json(suite)
+    ),
+    "sarif": lambda path, suite, file: write_file(path, as_sarif(suite, file)),
 }
 
 

@@ -6,8 +6,11 @@ import csv
 import hashlib
 import io
 import json
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from sada_gym.analyses.regression.suite import Case, Objective, Ranged, Suite
 from sada_gym.foundations.files import Strict
@@ -80,7 +83,12 @@ def as_csv(suite: Suite) -> bytes:
     for record in records(suite):
         row = record.model_dump(exclude={"inputs", "platform"})
         row["seeds"] = " ".join(map(str, record.seeds))
-        rows.append({**row, **record.inputs, **record.platform})
+        taken = {*row, *record.platform}
+        inputs = {
+            f"{name} (input)" if name in taken else name: value
+            for name, value in record.inputs.items()
+        }
+        rows.append({**row, **inputs, **record.platform})
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]))
     writer.writeheader()
@@ -88,11 +96,15 @@ def as_csv(suite: Suite) -> bytes:
     return text.getvalue().encode()
 
 
-def as_sarif(suite: Suite) -> bytes:
-    """Write the failures as SARIF 2.1.0: a rule for each weakness, a result for each failure."""
-    item = suite.test_item
-    place = item.agent_file.path if item.agent_file else item.target.agent or item.target.track
-    results = []
+def as_sarif(suite: Suite, file: Path | None = None) -> bytes:
+    """Write the failures as SARIF 2.1.0: a rule for each weakness, a result for each failure.
+
+    Code hosts show them beside a file, such as the agent's.
+    """
+    item, results, located = suite.test_item, [], {}
+    if file is not None:
+        place = {"physicalLocation": {"artifactLocation": {"uri": _uri(file)}}}
+        located = {"locations": [place]}
     for case, record in zip(suite.test_cases, records(suite), strict=True):
         if case.objective != "failure":
             continue
@@ -104,17 +116,24 @@ def as_sarif(suite: Suite) -> bytes:
                 "ruleIndex": case.group - 1,
                 "level": "error",
                 "message": {"text": f"{case.id} {record.actual_result}: {world}"},
-                "locations": [{"physicalLocation": {"artifactLocation": {"uri": place}}}],
+                **located,
                 "partialFingerprints": {"world/v1": hashlib.sha256(same.encode()).hexdigest()},
             }
         )
     rules = [
-        {"id": _rule(number), "shortDescription": {"text": f"{place} fails: {group}"}}
+        {"id": _rule(number), "shortDescription": {"text": f"{item.target} fails: {group}"}}
         for number, group in enumerate(suite.groups, 1)
     ]
     driver = {"name": "sada_gym", "version": item.packages.get("sada_gym", ""), "rules": rules}
     run = {"tool": {"driver": driver}, "results": results}
     return _json({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]})
+
+
+def _uri(file: Path) -> str:
+    """Return a file's URI, relative to the current folder, a repository's, where it lies there."""
+    path = Path(os.path.abspath(file))
+    inside = path.is_relative_to(Path.cwd())
+    return quote(path.relative_to(Path.cwd()).as_posix()) if inside else path.as_uri()
 
 
 def _rule(group: int) -> str:
@@ -126,8 +145,12 @@ def _inputs(case: Case, ranges: Sequence[Ranged]) -> dict[str, float | str]:
     for ranged in ranges:
         value, parameter = case.concrete_scenario[ranged.name], ranged.parameter()
         name = f"{parameter.label} ({ranged.unit})" if ranged.unit else parameter.label
+        name = ranged.name if name in inputs else name
         told = parameter.text(value).removeprefix(f"{parameter.label} ")
-        inputs[name] = told if ranged.choices else round(value) if ranged.whole else value
+        if ranged.whole:
+            inputs[name] = round(min(max(value, ranged.low + 0.5), ranged.high - 0.5))
+        else:
+            inputs[name] = told if ranged.choices else value
     return inputs
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,12 +62,13 @@ def test_choices_and_whole_numbers_are_told_as_such(suite):
     ranges = (
         Ranged.of(Parameter("light", 0.0, 1.0, choices=("day", "night"))),
         Ranged.of(Parameter("cars", -0.5, 3.5, whole=True)),
+        Ranged.of(Parameter("lanes", 0.5, 2.5, whole=True, choices=("1", "2"))),
     )
-    scenario = {"light": 0.75, "cars": 2.2}
+    scenario = {"light": 0.75, "cars": 2.2, "lanes": 2.5}
     case = suite.test_cases[0].model_copy(update={"concrete_scenario": scenario})
     update = {"test_cases": (case,), "logical_scenario": ranges}
     (record,) = records(suite.model_copy(update=update))
-    assert record.inputs == {"light": "night", "cars": 2}
+    assert record.inputs == {"light": "night", "cars": 2, "lanes": 2}
 
 
 def test_the_table_has_a_row_a_case(suite):
@@ -74,6 +76,17 @@ def test_the_table_has_a_row_a_case(suite):
     assert len(rows) == len(suite.test_cases)
     assert rows[0]["identifier"] == "F01-01"
     assert len(rows[0]["seeds"].split()) == 3
+
+
+def test_a_parameter_with_the_name_of_a_field_has_a_column_of_its_own(suite):
+    ranges = tuple(Ranged.of(Parameter(name, 0.0, 1.0)) for name in ("frequency", "agent", "kind"))
+    scenario = {"frequency": 0.25, "agent": 0.5, "kind": 0.75}
+    case = suite.test_cases[0].model_copy(update={"concrete_scenario": scenario})
+    changed = suite.model_copy(update={"test_cases": (case,), "logical_scenario": ranges})
+    (row,) = csv.DictReader(io.StringIO(as_csv(changed).decode()))
+    assert [row[f"{name} (input)"] for name in scenario] == ["0.25", "0.5", "0.75"]
+    assert row["kind"] == "failure"
+    assert float(row["frequency"]) == case.fooled_seeds / 3
 
 
 def test_sarif_has_a_rule_a_group_and_a_result_a_failure(suite):
@@ -87,9 +100,20 @@ def test_sarif_has_a_rule_a_group_and_a_result_a_failure(suite):
     for result, case in zip(told["results"], failures, strict=True):
         assert rules[result["ruleIndex"]]["id"] == result["ruleId"] == f"F{case.group:02}"
         assert case.id in result["message"]["text"]
-        assert result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
+        assert "locations" not in result  # an agent that is no file
     marks = [result["partialFingerprints"]["world/v1"] for result in told["results"]]
     assert len({*marks}) == len(marks)
+
+
+def test_sarif_names_a_file_from_the_current_folder(suite, tmp_path, monkeypatch):
+    def uri(file):
+        result = json.loads(as_sarif(suite, file))["runs"][0]["results"][0]
+        return result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
+
+    monkeypatch.chdir(tmp_path)
+    assert uri(Path("out/../agents/my agent.zip")) == "agents/my%20agent.zip"
+    assert uri(tmp_path / "pole.toml") == "pole.toml"
+    assert uri(tmp_path.parent / "pole.toml") == (tmp_path.parent / "pole.toml").as_uri()
 
 
 def test_forms_of_export(run, tmp_path):
@@ -142,3 +166,7 @@ def test_the_command_names_what_it_can_write(run, tmp_path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 2
     assert ".csv, .yaml, .json" in done.output
+    arguments[3] = "pdf"
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2
+    assert "suite, cases, sarif, odd" in done.output
