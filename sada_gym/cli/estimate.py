@@ -69,7 +69,7 @@ def estimate(
     with errors_as_sentences():
         keywords = key_values(env_kwargs, "--env-kwargs")
         given = density or []
-        tables = [text for text in given if text.lower().endswith(".csv")]
+        tables = [text for text in given if text.lower().endswith((".csv", ".tsv"))]
         if tables and len(given) > 1:
             raise UserError(
                 f"Expected --density once where it names a table, got {' and '.join(given)}. "

@@ -151,7 +151,7 @@ class UniformQueries(Strict):
 class FailureProbability(Strict):
     """How often the agent fails in ordinary use, by uniform worlds.
 
-    These are training queries, and of `random` the test samples.
+    These are training queries, and of `random` the test samples; after `estimate` its fresh draws.
 
     Attributes:
         density: The densities of parameters by name, see `sada_gym.densities`; worlds outside their

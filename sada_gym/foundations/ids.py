@@ -57,7 +57,7 @@ def find_spec(env_id: str) -> EnvSpec:
     if name not in gym.registry:
         close = difflib.get_close_matches(name, gym.registry, n=3, cutoff=0.5)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        if "/" in env_id:
+        if "/" in env_id or "-v" not in env_id:
             hint += " If it is a path: no such file or folder is there."
         raise UserError(
             f"Expected a registered environment id, got {name!r}.{hint} `sada-gym envs` lists the "

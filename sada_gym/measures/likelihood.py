@@ -31,6 +31,7 @@ class ComparedAgent(Strict):
     Attributes:
         ratio: How many times as often the first agent fails; None where the other never did.
         ratio_interval: Its 95 % interval; None stands for no bound.
+        refused: Why the other agent's probability is not to be relied on, or None.
     """
 
     agent: OneLine
@@ -38,6 +39,7 @@ class ComparedAgent(Strict):
     interval: tuple[float, float]
     ratio: float | None
     ratio_interval: tuple[float, float | None]
+    refused: OneLine | None = None
 
     @property
     def sentence(self) -> str:
@@ -50,7 +52,9 @@ class ComparedAgent(Strict):
         write = percent if self.probability >= _OFTEN else odds
         rate, *each = (write(one) for one in (self.probability, *self.interval))
         other = f"{self.agent} ({rate}, {' to '.join(each)}) in the same worlds"
-        return f"fails {times} (95 %: {ends}) {'than' if self.ratio is None else 'as'} {other}"
+        refused = f". Do not rely on it: {self.refused}" if self.refused else ""
+        than = "than" if self.ratio is None else "as"
+        return f"fails {times} (95 %: {ends}) {than} {other}{refused}"
 
 
 class FailureEstimate(Strict):
@@ -134,7 +138,8 @@ class FailureEstimate(Strict):
         if not self.probability:
             return f"of {many:,} {unit} fewer than {high} fail (95 %)"
         told = f"of {many:,} {unit} {some} fail (95 %: {low} to {high})"
-        return f"{told}, one failure in {round(1.0 / self.probability):,}"
+        times = round(1.0 / self.probability)
+        return f"{told}, one failure in {times:,} {unit}" if times > 1 else told
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield the name and the text of each finding, as the summary of a run has them."""

@@ -27,6 +27,7 @@ from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluation.stored import InParts, OnScores, stored_scores
 from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.experiment.names import check_spelling
+from sada_gym.experiment.record import FailureProbability
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.foundations.arrays import Bools, Floats
 from sada_gym.foundations.files import shown, write_file, write_model
@@ -40,7 +41,7 @@ from sada_gym.measures.likelihood import (
 )
 from sada_gym.parameters import Mu
 from sada_gym.run import Run, load_run
-from sada_gym.run.folder import ELSEWHERE_FILE
+from sada_gym.run.folder import ELSEWHERE_FILE, RESULT_FILE
 
 _FEWEST, _SHOWN, _FARTHEST = 20, 20_000, 6.0
 _FIRST_SEED = 2**24  # of the validation stream, whose first seeds have other purposes
@@ -73,9 +74,9 @@ def estimate(
     expected. The estimate is unbiased wherever the agent fails. Its interval relies on one thing:
     that no region of failures escaped all queries, see `FailureEstimate.unseen`.
 
-    A run's folder gets `estimate.json`, and keeps the scores, so that a stopped call continues
-    where it was; for an application or an id, `store` keeps them. The result depends on the seed
-    alone.
+    A run's folder gets `estimate.json`, and its figures as `in_use` in `result.json`. It keeps the
+    scores, so that a stopped call continues where it was; for an application or an id, `store`
+    keeps them. The result depends on the seed alone.
 
     Args:
         run_or_application: A run or its folder, an application, an id, or a TOML file.
@@ -128,6 +129,16 @@ def estimate(
         result = estimate_open(both, run, **given, per=per, unit=unit, on_scores=on_scores)
     if run is not None:
         write_model(run.folder / ESTIMATE_FILE, result)
+        in_use = FailureProbability(
+            probability=result.probability,
+            interval_95=result.interval,
+            density=result.density,
+            held=result.held,
+            worlds=result.drawn,
+            worth=result.effective / result.probability if result.probability else result.drawn,
+        )
+        told = run.result.model_copy(update={"in_use": None if result.refused else in_use})
+        write_model(run.folder / RESULT_FILE, told)
     return result
 
 
@@ -170,6 +181,7 @@ def estimate_open(
             interval=each[1].interval,
             ratio=ratio,
             ratio_interval=interval,
+            refused=each[1].refused,
         )
     counted, queries = each[0], asking.used * len(opened)
     valid = asking.last[0].valid

@@ -234,7 +234,7 @@ def gate(decision: Decision, found: FailureEstimate, most: float) -> Decision:
         reason = f"{reason}{refused}: about {more:,} more queries would halve the interval"
     arm = decision.model_copy(update={"status": status, "more": more, "repeats": None})
     worse = max(decision, arm, key=lambda one: _ORDER.index(one.status))
-    return worse.model_copy(update={"reason": f"{decision.reason} In ordinary use it {reason}."})
+    return worse.model_copy(update={"reason": f"{decision.reason} In ordinary use: {reason}."})
 
 
 def demand(

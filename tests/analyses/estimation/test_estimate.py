@@ -134,6 +134,9 @@ def test_a_run_keeps_its_estimate_and_tells_it(tmp_path):
     densities = {"x0": {"normal": [0.0, 0.3]}, "x1": {"normal": [0.0, 0.3]}}
     found = sada_gym.estimate(run, budget=300, density=densities)
     assert load_run(run.folder).estimate == found
+    told = load_run(run.folder).result.in_use
+    assert (told.probability, told.interval_95) == (found.probability, found.interval)
+    assert told.density == found.density == densities
     assert found.sentence in str(run)
     assert "based on" in str(run)
     if found.shares:
@@ -239,7 +242,9 @@ def test_a_density_that_does_not_fit_its_draws_is_refused(changed, message):
 
 def test_a_density_that_fits_its_draws_is_taken_whatever_its_units():
     heavy = multivariate_t([0.0, 0.0], [[9.0, 3.0], [3.0, 4.0]], df=3)
-    assert estimate(Toy(2), budget=20, density=heavy).drawn == 20
+    found = estimate(Toy(2), budget=20, density=heavy)
+    numbers = {"loc": [0.0, 0.0], "shape": [[9.0, 3.0], [3.0, 4.0]], "df": 3}
+    assert found.density == {"joint": {"kind": "multivariate_t_frozen", **numbers}}
     space = ParameterSpace(Parameter("mass", 0.0, 2e9), Parameter("slope", -0.1, 0.1))
     mean, sd, rng = np.array([1e9, 0.0]), np.array([1e8, 0.01]), np.random.default_rng(0)
     density = Given(
@@ -270,6 +275,18 @@ def test_an_agent_that_never_failed_gives_a_ratio_without_a_bound():
 def test_agents_that_both_never_failed_are_not_compared():
     found = estimate(Slope(99.0), beside=Slope(99.0), budget=20, density=DENSITIES)
     assert found.beside.sentence.endswith(" did not fail in the same worlds either")
+
+
+def test_the_refusal_of_the_other_agent_is_told():
+    found = estimate(Slope(1.0), beside=Slope(1.2), budget=100, density=DENSITIES).beside
+    refused = found.model_copy(update={"refused": "too few failures"})
+    assert refused.sentence == f"{found.sentence}. Do not rely on it: too few failures"
+
+
+def test_a_missing_folder_is_told():
+    result = CliRunner().invoke(app, ["estimate", "run1"], env={"COLUMNS": "300"})
+    assert result.exit_code == 2
+    assert "no such file or folder" in result.output
 
 
 def test_what_draws_are_worth_is_told_of_rare_failures_alone():
@@ -338,13 +355,15 @@ def test_the_line_for_a_safety_case():
     )
     nothing = record(probability=0.0, failures=0, interval=(0.0, 3.4e-3))
     assert nothing.sentence == "no failure in 1,100 worlds: below 1 of 290 with 95 %"
+    often = record(probability=0.9, interval=(0.8, 0.95), unit="flights")
+    assert dict(often.rows())["in use"] == "of 1,000 flights 900 fail (95 %: 800 to 950)"
     assert dict(record(refused="too few").rows())["in ordinary use"].endswith("it: too few")
 
 
 def test_failures_are_told_by_use():
     rows = dict(record(per=1_000, unit="flights", to_halve=6_000).rows())
     assert rows["in use"] == (
-        "of 1,000 flights 0.1 fail (95 %: 0.05 to 0.24), one failure in 10,000"
+        "of 1,000 flights 0.1 fail (95 %: 0.05 to 0.24), one failure in 10,000 flights"
     )
     assert rows["to halve this interval"] == "about 6,000 more queries"
     assert "in use" not in dict(record().rows())

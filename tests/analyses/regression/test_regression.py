@@ -180,7 +180,7 @@ def test_a_gate_on_the_probability_estimates_it(toy, most, exit_code):
     result = regress(toy, application, max_probability=most, budget=100)
     assert result.exit_code == exit_code
     assert result.likely.queries == 100
-    assert "In ordinary use it fails in " in result.decision.reason
+    assert "In ordinary use: fails in " in result.decision.reason
 
 
 def test_a_gate_on_the_probability_needs_a_density_and_a_probability(toy):
