@@ -53,8 +53,8 @@ from sada_gym.measures.sensitivity import Influence, fit_failures
 from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
-_MOST_JUDGED = 200
-"""Failing samples that are played again to see which of several requirements they broke."""
+_JUDGED, _FEWEST_JUDGED = 0.05, 20
+"""Failing samples played again for their requirements: as a share of all worlds; at least some."""
 
 Stage = Literal["train", "learn", "sample", "test", "measure", "diagnose", "confirm", "pictures"]
 """What a run is doing: it queries (`train`), learns from the scores (`learn`), and so on."""
@@ -251,7 +251,8 @@ class Algorithm1:
 
     def _broken_requirements(self) -> BrokenRequirements | None:
         application, names = self.application, self.application.requirements
-        failing = self.samples[self.samples.fooled(self._threshold)][:_MOST_JUDGED]
+        most = max(int(_JUDGED * (len(self.queries) + len(self.samples))), _FEWEST_JUDGED)
+        failing = self.samples[self.samples.fooled(self._threshold)][:most]
         if not names or not application.repeatable or not len(failing):
             return None
         infos = application.evaluate(failing.mu, failing.seed.tolist()).infos  # no store has them

@@ -198,8 +198,8 @@ class StressEnv(gym.Env[Any, Floats32]):
             self._found.append((self._mu.reshape(-1).copy(), score, self._seed))
         missed = 0.0 if fooled else score - threshold
         told = {"score": score, "fooled": fooled, "seed": self._seed, "invalid": running.broken}
-        if running.margins:
-            told["requirements"] = dict(running.margins)
+        if names := self.application.requirements:
+            told["requirements"] = dict(running.margins) or dict.fromkeys(names, score)
         return missed, {**told, "miss_distance": missed}
 
     def _begin(self, seed: int, mu: Floats32) -> None:
