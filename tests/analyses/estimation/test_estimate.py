@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 
 import sada_gym
 from sada_gym import Application, Parameter, ParameterSpace, Scored, attack, load_run
-from sada_gym.analyses.estimation.estimate import estimate
+from sada_gym.analyses.estimation.estimate import _shares, estimate
 from sada_gym.analyses.estimation.use import JointUse
 from sada_gym.cli import app
 from sada_gym.measures.likelihood import FailureEstimate, odds
@@ -287,6 +288,12 @@ def test_a_missing_folder_is_told():
     result = CliRunner().invoke(app, ["estimate", "run1"], env={"COLUMNS": "300"})
     assert result.exit_code == 2
     assert "no such file or folder" in result.output
+
+
+def test_failures_whose_weights_underflowed_have_no_shares():
+    run = SimpleNamespace(diagnosis=SimpleNamespace(weaknesses=["any"]))
+    found = SimpleNamespace(failed=np.ones(3, bool), terms=np.zeros(3))
+    assert _shares(run, None, np.zeros((3, 2)), found) == ()
 
 
 def test_what_draws_are_worth_is_told_of_rare_failures_alone():
