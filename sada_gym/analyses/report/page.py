@@ -84,7 +84,7 @@ def _plotted(view: RunView, runs: int) -> dict[str, Any]:
         "name": view.name,
         "letter": view.letter,
         "threshold": view.target.fooling_threshold,
-        "replay": shlex.join(["sada-gym", "replay", view.run.name]),
+        "replay": shlex.join(["sada-gym", "replay", view.place]),
         "parameters": [
             {**column.model_dump(), "label": column.parameter.label, "rank": order[column.name]}
             for column in view.columns.parameters

@@ -288,9 +288,15 @@ class RunView:
         return [(name, text) for name, text in rows if name not in (RATES, WHERE)]
 
     @property
+    def place(self) -> str:
+        """Where a command finds the run from the folder in which it was made, as far as known."""
+        folder = self.run.folder
+        return self.run.name if folder.is_absolute() else str(folder)
+
+    @property
     def steps(self) -> list[str]:
         """What to do next: two commands."""
-        return [] if self.result is None else [*islice(self.run.commands(self.run.name), 2)]
+        return [] if self.result is None else [*islice(self.run.commands(self.place), 2)]
 
     @property
     def versions(self) -> dict[str, str]:

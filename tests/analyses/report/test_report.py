@@ -144,6 +144,14 @@ def test_the_same_run_gives_the_same_bytes(digits, copied, tmp_path):
     ).read_bytes()
 
 
+def test_commands_on_a_page_find_a_run_in_a_folder_below(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = run("runs/digits")
+    page = Page(made.html.read_bytes())
+    assert re.search(r"sada-gym \w+ runs/digits --", page.text)
+    assert page.data[0]["replay"] == "sada-gym replay runs/digits"
+
+
 def test_a_report_that_is_missing_comes_back_with_resume(digits, copied):
     (copied / "report.html").unlink()
     assert run(copied, resume=True).html.read_bytes() == digits.html.read_bytes()
