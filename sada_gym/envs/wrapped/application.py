@@ -84,11 +84,11 @@ class GymnasiumApplication(EpisodePictures):
     Args:
         environment: An environment's id, `module:id`, or a function that makes one. A function gets
             `env_kwargs` and the parameters that are keywords, and `render_mode` where it takes it.
-            An environment with packages of its own is an address, "tcp://127.0.0.1:7789", or a
+            An environment with packages of its own is an address, `"tcp://127.0.0.1:7789"`, or a
             command that starts it, ["other/bin/python", "serve_environment.py", "CartPole-v1"].
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. An
-            agent in a separate process is an address, "tcp://127.0.0.1:7788", or a command that
+            agent in a separate process is an address, `"tcp://127.0.0.1:7788"`, or a command that
             starts it, ["python", "serve.py"].
             A function is called for one observation at a time, and must remember nothing, because
             many episodes go on at once. A class or function without arguments, or with the one
