@@ -79,7 +79,7 @@ class ImageApplication(Application):
         images: A folder, a list of files, or arrays (height, width, 3) uint8.
         agent: A file of ONNX or TorchScript, `torchvision:NAME`, the name of a fetched agent, a
             torch module, or a function with torchvision's convention. An agent in a process of its
-            own is an address, `"tcp://127.0.0.1:7788"`, or a command that starts it: a list of texts.
+            own is an address, `"tcp://127.0.0.1:7788"`, or a command, a list of texts.
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
             classes, if all lie in such. Where there are none, what the model tells of the untouched
