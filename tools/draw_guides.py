@@ -97,7 +97,7 @@ def of_sb3() -> Figure:
 
 def of_worst_return() -> Figure:
     """Draw the lowest return that each search found, by the number of parameters."""
-    figure = new_figure(7.2, 2.6)
+    figure = new_figure(8.2, 3.0)
     panels = figure.subplots(1, 3, sharey=True)
     whole, tenth = (one for one in tables(DOCS / "worst-return.md") if one[0][0] == "search")
     names = [row[0] for row in whole[1:]]
@@ -110,13 +110,16 @@ def of_worst_return() -> Figure:
                 mean, spread = map(float, cells[column - 1].split("±"))
                 place = names.index(name) + shift
                 colour = FOOLED if name == "bayesian" else UNHURT if "grid" in name else MUTED
-                ends = (max(0, mean - spread), mean + spread)
+                ends = (max(1.0, mean - spread), mean + spread)
                 axes.plot(ends, (place, place), color=colour, lw=1.6, alpha=0.6)
                 face = colour if filled else "none"
-                axes.plot(mean, place, "o", ms=6, mec=colour, mfc=face)
+                axes.plot(mean, place, "o", ms=7, mec=colour, mfc=face)
     for k, axes in enumerate(panels, 1):
         axes.set_title(f"{k} parameter{'s' * (k > 1)}", fontsize=10, color=INK, loc="left")
-        axes.set(xlabel="return", xlim=(0, 3_400))
+        axes.set(xlabel="return (log)", xscale="log", xlim=(180, 4_000))
+        ticks = (200, 400, 800, 1_600, 3_200)
+        axes.set_xticks(ticks, labels=[f"{tick:,}" for tick in ticks])
+        axes.minorticks_off()
         tidy(axes)
     panels[0].set_yticks(range(len(names)), labels=names)
     panels[0].invert_yaxis()
