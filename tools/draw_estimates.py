@@ -55,12 +55,13 @@ def main() -> None:
     axes.set(xlim=(LEAST, 1.0), xlabel="probability of a failure", ylim=(-0.7, len(numbers) - 0.3))
     names = [f"{every[number].name}, d = {every[number].dimension}" for number in numbers]
     axes.set_yticks(range(len(numbers)), labels=names)
-    for y, label, colour in (
-        (0.86, "│ true probability", INK),
-        (0.76, f"sada-gym estimate,\n{QUERIES:,} queries", OURS),
-        (0.66, f"{QUERIES:,} plain draws", PLAIN),
+    for x, label, colour in (
+        (0.0, "│ truth", INK),
+        (0.18, f"● sada-gym estimate, {QUERIES:,} queries", OURS),
+        (1.0, f"● {QUERIES:,} plain draws", PLAIN),
     ):
-        axes.text(0.99, y, label, color=colour, transform=axes.transAxes, ha="right", fontsize=12)
+        side = "right" if x == 1.0 else "left"
+        axes.text(x, 1.02, label, color=colour, transform=axes.transAxes, ha=side, fontsize=11)
     tidy(axes)
     OUT.write_bytes(svg(figure))
 
