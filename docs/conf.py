@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from docutils import nodes
 from docutils.parsers.rst import directives
 from PIL import Image, UnidentifiedImageError
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -53,6 +54,9 @@ html_title = f"sada_gym {release}"
 
 _FIGURES = 18
 """Letters of the longest cell of a table that holds figures, such as `100 (98 to 100)`."""
+
+_VALUE = 80
+"""Letters of the longest value of a constant that the API's pages show."""
 
 default_role = "code"
 # the contracts for pytest are documented where it is not installed, too
@@ -190,10 +194,28 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
         lines += [page, ""]
 
 
-def shorten_functions(*arguments: Any) -> tuple[str, str | None] | None:
-    """Show a function that an argument has by default as `...`, not as Python prints it."""
+def keep_sentences_whole(*arguments: Any) -> None:
+    """Keep napoleon from taking the words before the first colon of an attribute for its type."""
+    what, lines = arguments[1], arguments[-1]
+    if what in ("attribute", "data", "property") and lines:
+        lines[:0] = ["..", ""]  # an empty comment: napoleon looks at the first line alone
+
+
+def shorten_defaults(*arguments: Any) -> tuple[str, str | None] | None:
+    """Show a function or factory that an argument has by default as `...`, and a path as a text."""
     signature, returned = arguments[-2:]
-    return signature and (re.sub(r"=<function .*?>+", "=...", signature), returned)
+    if not signature:
+        return None
+    signature = re.sub(r"=<(function .*?>+|factory>)", "=...", signature)
+    return re.sub(r"\bPosixPath\((.*?)\)", r"\1", signature), returned
+
+
+def shorten_values(_: Sphinx, doctree: nodes.document) -> None:
+    """Leave out the value of a constant that is too long to read; its docstring says what it is."""
+    for signature in doctree.findall(addnodes.desc_signature):
+        for part in list(signature.findall(addnodes.desc_annotation)):
+            if part.astext().startswith(" = ") and len(part.astext()) > _VALUE:
+                part.parent.remove(part)
 
 
 def mark(app: Sphinx, doctree: nodes.document) -> None:
@@ -229,4 +251,6 @@ def setup(app: Sphinx) -> None:
     app.add_directive("conditions", Conditions)
     app.connect("doctree-read", mark)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)
-    app.connect("autodoc-process-signature", shorten_functions)
+    app.connect("doctree-read", shorten_values)
+    app.connect("autodoc-process-docstring", keep_sentences_whole, priority=400)  # before napoleon
+    app.connect("autodoc-process-signature", shorten_defaults)

@@ -106,6 +106,16 @@ def results_of_suite(entries: Sequence[Entry], suite: str) -> Results:
     return results_of(_on(chosen.tracks, entries), chosen.tables)
 
 
+def heading(suite: str) -> str:
+    """Return how a page `docs/results/SUITE/table.md` begins."""
+    title = {"table-1": "Table 1", "agents": "The other agents"}.get(suite, suite.capitalize())
+    return (
+        f"# {title} in full\n\n"
+        "The entries' own claims. [The results](../index.md) show what the verifier measured on "
+        "fresh seeds."
+    )
+
+
 def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
     kept = (entry.keeping(lambda result: result.track in tracks) for entry in entries)
     return [entry for entry in kept if entry.results]
@@ -243,7 +253,7 @@ def main(
     for suite in SUITES:
         folder = DOCS / "results" / suite
         folder.mkdir(exist_ok=True)
-        path = write_tables(folder, results_of_suite(entries, suite))
+        path = write_tables(folder, results_of_suite(entries, suite), head=heading(suite))
         print(f"{path.relative_to(ROOT)}")
     for path, text in pages(entries).items():
         path.write_text(text, encoding="utf-8")

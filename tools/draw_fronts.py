@@ -24,9 +24,10 @@ STYLE = """<style>
   --line: #353c44; --steps: #ff9351; --control: #9aa5b1; --baseline: #6cc0f5; --bbgan: #ff9351;
   --rl: #e08abb; --other: #3fc39a; } }
 svg { background: var(--card); font: 14px system-ui, "DejaVu Sans", sans-serif; }
-text { fill: var(--ink); } .grid { stroke: var(--line); }
-.tick, .axis, .title { fill: var(--soft); }
-.leader, .interval { stroke: var(--soft); opacity: .45; }
+text { fill: var(--ink); }
+.point text { paint-order: stroke; stroke: var(--card); stroke-width: 3px; }
+.grid { stroke: var(--line); } .tick, .axis, .title { fill: var(--soft); }
+.leader, .interval { stroke: var(--soft); opacity: .45; } .leader { opacity: .8; }
 .steps { fill: none; stroke: var(--steps); stroke-width: 1.5; stroke-dasharray: 5 4; }
 .dot { stroke: var(--card); stroke-width: 1.2; } .best text { font-weight: 650; }
 .control text { font-style: italic; }
@@ -42,10 +43,9 @@ FILLS = {
 
 def themed(svg: str) -> str:
     """Give a chart the style of this module, whose colours follow the page."""
-    svg = re.sub("<style>.*?</style>", STYLE, svg, flags=re.DOTALL)
     for colour, name in FILLS.items():
-        svg = svg.replace(f'fill="{colour}"', f'fill="var(--{name})"')
-    return svg
+        svg = svg.replace(colour, f"var(--{name})")
+    return re.sub("<style>.*?</style>", STYLE, svg, flags=re.DOTALL)
 
 
 def main() -> None:

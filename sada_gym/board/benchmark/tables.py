@@ -54,17 +54,19 @@ _BESIDE_THE_PAPER = (
 )
 
 
-def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path:
-    """Write all tables as Markdown into a benchmark's folder; `notes` go to the remarks."""
+def write_tables(
+    out: Path, results: Results, notes: Sequence[str] = (), head: str = "# Benchmark results"
+) -> Path:
+    """Write all tables as Markdown below `head` into a folder; `notes` go to the remarks."""
     path = out / TABLE_FILE
-    write_file(path, "\n".join(_lines(results, notes)))
+    write_file(path, "\n".join((head, *_lines(results, notes))))
     return path
 
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     everything = [row for comparison in results.comparisons for row in comparison.rows]
     hints = (measure.hint for measure in _means(everything).values() if measure.optional)
-    yield from ("# Benchmark results", "", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
+    yield from ("", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
     for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons):
         yield from _all_applications(results, table)
     for comparison in results.comparisons:

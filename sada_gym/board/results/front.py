@@ -16,8 +16,8 @@ from sada_gym.foundations.frames import BLUE
 
 WIDTH, HEIGHT = 800, 560
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, WIDTH - 8, 50, HEIGHT - 68
-_LETTER, _LINE = 7.4, 15.0  # a letter's usual width and a line's height, of 13 px text
-_LEADER_FROM = 22.0
+_LETTER, _LINE = 8.0, 15.0  # a letter's usual width and a line's height, of 13 or 14 px text
+_LEADER_FROM = 12.0
 _MARKS = {
     "s": "M-5 -5H5V5H-5Z",
     "o": "M-5.5 0A5.5 5.5 0 1 0 5.5 0A5.5 5.5 0 1 0 -5.5 0Z",
@@ -28,7 +28,8 @@ _MARKS = {
 _STYLE = """\
 svg { background: #fff; font: 13px system-ui, "DejaVu Sans", sans-serif; }
 text { fill: #1d2329; } .grid { stroke: #e3e1dc; } .tick, .axis, .title { fill: #5d6873; }
-.tick { font-size: 12px; } .leader, .interval { stroke: #5d6873; opacity: .45; }
+.tick { font-size: 12px; } .interval { stroke: #5d6873; opacity: .45; } .leader { opacity: .8; }
+.point text { paint-order: stroke; stroke: #fff; stroke-width: 3px; }
 .steps { fill: none; stroke: #b23a0a; stroke-width: 1.5; stroke-dasharray: 5 4; opacity: .7; }
 .dot { stroke: #fff; stroke-width: 1.2; } .best text { font-weight: 650; }
 .control text { font-style: italic; }
@@ -39,6 +40,7 @@ _RADII = (9, 16, 25, 36, 50, 66, 86, 108, 133, 160, 195)
 _ALL_ROUND = np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12])
 _DOT = 6.0  # half the side of the square that a point takes
 _MARGIN = 2.0
+_ALONG = np.linspace(0.0, 1.0, 8)[:, None]  # the places of a leader that are looked at
 
 
 @dataclass(frozen=True)
@@ -187,13 +189,14 @@ def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
     ]
     if len(shown) < 2:
         return None
+    front = front_of(rows)
+    shown.sort(key=lambda one: front.get(one[0].entry, False))  # those on it above the others
     end = max(1.0, *(_ends(coverage)[1] for _, coverage, _ in shown))
     lowest = min(_ends(afr)[0] for _, _, afr in shown)
     floor = max(0.0, math.floor(10 * lowest - 0.5) / 10)
     places = [(_across(coverage.value, end), _up(afr.value, floor)) for _, coverage, afr in shown]
     sizes = np.array([(_LETTER * len(row.label), _LINE) for row, _, _ in shown])
     labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
-    front = front_of(rows)
     points = []
     for (row, coverage, afr), (x, y), label in zip(shown, places, labels.tolist(), strict=True):
         bars = []
@@ -236,14 +239,17 @@ def _drawn(point: Point, root: str | None) -> Iterator[str]:
     yield f"<title>{title}</title>"
     for x1, y1, x2, y2 in point.bars:
         yield f'<line class="interval" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>'
+    family = family_of(point.row.label)
     dx, dy = point.label_x - point.x, point.label_y - point.y
     edge_x = max(abs(dx) - _LETTER * len(point.row.label) / 2, 0.0)
     edge_y = max(abs(dy) - _LINE / 2, 0.0)
     if np.hypot(edge_x, edge_y) > _LEADER_FROM:
         x, y = point.x + np.sign(dx) * edge_x, point.y + np.sign(dy) * edge_y
-        yield f'<line class="leader" x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"/>'
-    yield _mark(family_of(point.row.label), point.x, point.y)
-    yield _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
+        ends = f'x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"'
+        yield f'<line class="leader" style="stroke: {family.colour}" {ends}/>'
+    yield _mark(family, point.x, point.y)
+    name = _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
+    yield name.replace("<text", f'<text style="fill: {family.colour}"')
     yield "</g>" if root is None else "</a>"
 
 
@@ -262,7 +268,9 @@ def _text(x: float, y: float, kind: str, text: str, anchor: str = "start") -> st
 def place_labels(
     anchors: Floats, sizes: Floats, frame: tuple[float, float, float, float]
 ) -> Floats:
-    """Find a place for the name of each point: free of others, the nearer the better.
+    """Find a place for the name of each point: free of others, and nearest to its own point.
+
+    The last points choose first.
 
     Args:
         anchors: (n, 2), the points in pixels.
@@ -274,18 +282,31 @@ def place_labels(
     """
     directions = np.stack([np.cos(_ALL_ROUND), np.sin(_ALL_ROUND)], axis=1)
     dots = np.concatenate([anchors - _DOT, anchors + _DOT], axis=1)
-    boxes: list[Floats] = []
-    middles = np.empty_like(anchors, np.float64)
-    gaps = np.sort(np.linalg.norm(anchors[:, None] - anchors, axis=2), axis=1)
-    for i in np.argsort(gaps[:, :4].sum(axis=1), kind="stable"):  # the most crowded first
-        half, taken = sizes[i] / 2 + _MARGIN, np.array([*boxes, *dots])
+    boxes, lines = np.zeros((len(anchors), 4)), np.zeros((len(anchors), len(_ALONG), 2))
+    order = [*range(len(anchors))][::-1]
+    for i in (*order, *order, *order):  # again, now that the others have a place
+        half, others = sizes[i] / 2 + _MARGIN, np.arange(len(anchors)) != i
         offsets = directions * np.array(_RADII)[:, None, None] + np.sign(directions.round(6)) * half
         places = anchors[i] + offsets.reshape(-1, 2)
         low, high = places - half, places + half
+        taken = np.concatenate([boxes[others], dots])
         sides = np.minimum(high[:, None], taken[:, 2:]) - np.maximum(low[:, None], taken[:, :2])
         overlap = np.prod(np.maximum(sides, 0.0), axis=2).sum(axis=1)
         outside = np.maximum(frame[:2] - low, 0.0) + np.maximum(high - frame[2:], 0.0)
-        best = np.argmin(overlap + 100 * outside.sum(axis=1))  # the first of equal ones
-        middles[i] = places[best]
-        boxes.append(np.concatenate([low[best], high[best]]))
-    return middles
+        gaps = np.maximum(np.abs(places[:, None] - anchors) - half, 0.0)
+        away = np.linalg.norm(gaps, axis=2)
+        misread = np.maximum(away[:, [i]] + _DOT - away[:, others], 0.0).max(axis=1, initial=0.0)
+        leaders = anchors[i] + _ALONG * (np.clip(anchors[i], low, high) - anchors[i])[:, None]
+        blocks = np.concatenate([boxes[others], dots[others]])
+        crossed = _inside(leaders[:, :, None], blocks[:, :2], blocks[:, 2:])
+        crossed += _inside(lines[others], low[:, None, None], high[:, None, None])
+        cost = 100 * (overlap + outside.sum(axis=1)) + away[:, i] + 2 * misread + 30 * crossed
+        best = np.argmin(cost)  # the first of equal ones
+        boxes[i], lines[i] = np.concatenate([low[best], high[best]]), leaders[best]
+    return (boxes[:, :2] + boxes[:, 2:]) / 2
+
+
+def _inside(points: Floats, low: Floats, high: Floats) -> Floats:
+    """Count, for each place of a name, the points that lie within boxes."""
+    inside: Floats = ((points > low) & (points < high)).all(axis=-1).astype(np.float64)
+    return np.asarray(inside.sum(axis=(1, 2)))
