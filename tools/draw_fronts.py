@@ -25,9 +25,9 @@ STYLE = """<style>
   --rl: #e08abb; --other: #3fc39a; } }
 svg { background: var(--card); font: 14px system-ui, "DejaVu Sans", sans-serif; }
 text { fill: var(--ink); }
-.point text { paint-order: stroke; stroke: var(--card); stroke-width: 3px; }
+.point text { fill: currentColor; paint-order: stroke; stroke: var(--card); stroke-width: 3px; }
 .grid { stroke: var(--line); } .tick, .axis, .title { fill: var(--soft); }
-.leader, .interval { stroke: var(--soft); opacity: .45; } .leader { opacity: .8; }
+.interval { stroke: var(--soft); opacity: .45; } .leader { stroke: currentColor; opacity: .8; }
 .steps { fill: none; stroke: var(--steps); stroke-width: 1.5; stroke-dasharray: 5 4; }
 .dot { stroke: var(--card); stroke-width: 1.2; } .best text { font-weight: 650; }
 .control text { font-style: italic; }

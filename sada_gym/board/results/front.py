@@ -28,8 +28,9 @@ _MARKS = {
 _STYLE = """\
 svg { background: #fff; font: 13px system-ui, "DejaVu Sans", sans-serif; }
 text { fill: #1d2329; } .grid { stroke: #e3e1dc; } .tick, .axis, .title { fill: #5d6873; }
-.tick { font-size: 12px; } .interval { stroke: #5d6873; opacity: .45; } .leader { opacity: .8; }
-.point text { paint-order: stroke; stroke: #fff; stroke-width: 3px; }
+.tick { font-size: 12px; } .interval { stroke: #5d6873; opacity: .45; }
+.leader { stroke: currentColor; opacity: .8; }
+.point text { fill: currentColor; paint-order: stroke; stroke: #fff; stroke-width: 3px; }
 .steps { fill: none; stroke: #b23a0a; stroke-width: 1.5; stroke-dasharray: 5 4; opacity: .7; }
 .dot { stroke: #fff; stroke-width: 1.2; } .best text { font-weight: 650; }
 .control text { font-style: italic; }
@@ -227,29 +228,27 @@ def _up(rate: float, floor: float) -> float:
 
 
 def _drawn(point: Point, root: str | None) -> Iterator[str]:
+    family = family_of(point.row.label)
     kinds = ("control" if point.row.control else "", "best" if point.front else "")
     afr, coverage = f"{100 * point.afr.value:.1f} %", f"{100 * point.coverage.value:.1f} %"
     title = escape(f"{point.row.label}: AFR {afr}, coverage {coverage} of ideal")
     classes = " ".join(filter(None, ("point", *kinds)))
     if root is None:
-        yield f'<g class="{classes}">'
+        yield f'<g class="{classes}" style="color: {family.colour}">'
     else:
         href = escape(f"{root}entries/{point.row.entry}.html")
         yield f'<a href="{href}" class="{classes}" aria-label="{title}">'
     yield f"<title>{title}</title>"
     for x1, y1, x2, y2 in point.bars:
         yield f'<line class="interval" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>'
-    family = family_of(point.row.label)
     dx, dy = point.label_x - point.x, point.label_y - point.y
     edge_x = max(abs(dx) - _LETTER * len(point.row.label) / 2, 0.0)
     edge_y = max(abs(dy) - _LINE / 2, 0.0)
     if np.hypot(edge_x, edge_y) > _LEADER_FROM:
         x, y = point.x + np.sign(dx) * edge_x, point.y + np.sign(dy) * edge_y
-        ends = f'x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"'
-        yield f'<line class="leader" style="stroke: {family.colour}" {ends}/>'
+        yield f'<line class="leader" x1="{point.x}" y1="{point.y}" x2="{x:.1f}" y2="{y:.1f}"/>'
     yield _mark(family, point.x, point.y)
-    name = _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
-    yield name.replace("<text", f'<text style="fill: {family.colour}"')
+    yield _text(point.label_x, point.label_y + 4.5, "", point.row.label, "middle")
     yield "</g>" if root is None else "</a>"
 
 
@@ -308,5 +307,5 @@ def place_labels(
 
 def _inside(points: Floats, low: Floats, high: Floats) -> Floats:
     """Count, for each place of a name, the points that lie within boxes."""
-    inside: Floats = ((points > low) & (points < high)).all(axis=-1).astype(np.float64)
-    return np.asarray(inside.sum(axis=(1, 2)))
+    inside = np.logical_and(points > low, points < high).all(axis=-1)
+    return np.asarray(inside.sum(axis=(1, 2)), np.float64)
