@@ -251,8 +251,9 @@ def test_a_track_takes_the_names_of_its_agents(tmp_path):
 
 
 def jobs() -> dict[str, str]:
-    """Return the shell lines of the page's jobs that call `regress`."""
-    page = (Path(__file__).parents[2] / "docs" / "regression.md").read_text()
+    """Return the shell lines of the pages' jobs that call `regress`."""
+    docs = Path(__file__).parents[2] / "docs"
+    page = "".join((docs / name).read_text() for name in ("regression.md", "regression-ci.md"))
     github = re.search(r"^      - run: \|\n((?: {10}.*\n)+)", page, re.MULTILINE)
     gitlab = re.search(r"^    - (sada-gym regress .*)$", page, re.MULTILINE)
     return {"github": textwrap.dedent(github[1]), "gitlab": gitlab[1]}
