@@ -72,8 +72,16 @@ class Track:
         self.fooling_set, self._ideal = reference.split()
         # ideal samples fool as often as the fooling set's points did on their seeds
         self.ideal_afr = float(reference.fooling_rate[reference.fooling].mean())
+        self._fooled: dict[tuple[bytes, int, str], Bools] = {}
 
     def fooled(self, mu: Mu, seed: int, stream: str) -> Bools:
+        """Return which worlds fool; `random` asks for the same ones at each budget."""
+        key = (mu.tobytes(), seed, stream)
+        if key not in self._fooled:
+            self._fooled[key] = self._evaluate(mu, seed, stream)
+        return self._fooled[key]
+
+    def _evaluate(self, mu: Mu, seed: int, stream: str) -> Bools:
         with Oracle(self.evaluator, budget=len(mu), seed=seed, stream=stream) as oracle:  # type: ignore[arg-type]
             return np.asarray(oracle(mu) <= self.threshold)
 
