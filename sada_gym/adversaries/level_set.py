@@ -139,8 +139,9 @@ class LevelSet(FittedAdversary):
         """Try which fools more often, mu close to hits or the level set: `each` queries of both.
 
         The surrogate may be too hopeful of its level set, so its prediction counts as no more than
-        `_PREDICTION` queries. Checks will find the hits that were luck, so hits pay from `_BEHIND`
-        below the level set on; but nothing is to be gained where that fools in `_SURE`.
+        `_PREDICTION` queries. Checks will find the hits that were luck, so hits pay if they fool at
+        most the share `_BEHIND` less often than the level set; but nothing is to be gained where
+        that fools in `_SURE`.
         """
         hits = queries.mu[queries.fooled(self.threshold)].astype(np.float64)
         beside = self._step(hits[in_turn(each, len(hits), self.rng)])
@@ -155,7 +156,7 @@ class LevelSet(FittedAdversary):
             return (predicted + int(fooled.sum())) / (_PREDICTION + each)
 
         of_hits, of_set = rate(beside, fooled[:each]), rate(inside, fooled[each:])
-        self.hits_pay = of_set < _SURE and of_hits >= of_set - _BEHIND
+        self.hits_pay = of_set < _SURE and of_hits >= (1.0 - _BEHIND) * of_set
         return tried
 
     def _check_hits(self, queries: Evaluations, surrogate: Surrogate, count: int) -> Mu:
