@@ -2,7 +2,7 @@
 
     python -m tools.draw_over_time
 
-The application is the first one of docs/over-time.md, with the wind as its only parameter.
+The application is the first one of docs/over-time.md.
 """
 
 from __future__ import annotations
