@@ -180,6 +180,19 @@ def read(problem: str) -> list[dict[str, Any]]:
     return read_rows(FOLDER / f"{problem}.jsonl")
 
 
+def means(problem: str) -> dict[str, dict[int, float]]:
+    """Return the mean F1 over seeds by adversary and budget."""
+    found: dict[str, dict[int, list[float]]] = {}
+    for row in read(problem):
+        if "f1" in row:
+            of_budget = found.setdefault(row["adversary"], {})
+            of_budget.setdefault(row["budget"], []).append(row["f1"])
+    return {
+        adversary: {budget: float(np.mean(f1s)) for budget, f1s in of_budget.items()}
+        for adversary, of_budget in found.items()
+    }
+
+
 def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

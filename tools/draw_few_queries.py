@@ -1,55 +1,77 @@
-"""Draw docs/images/few-queries.svg: F1 of five adversaries by the number of queries.
+"""Draw F1 of adversaries by the number of queries: few-queries.svg and many-dimensions.svg.
 
     python -m tools.draw_few_queries
 
-From the runs that `studies.few_queries` kept; each line is a mean over their seeds.
+From the runs that `studies.few_queries` and `studies.many_dimensions` kept; each line is a mean
+over their seeds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sada_gym.analyses.plots.style import new_figure, svg, tidy
 from sada_gym.foundations.drawing import own_style
 from sada_gym.foundations.frames import MUTED, SKY, VERMILLION
-from studies.few_queries import BUDGETS, CHOOSE, COLUMNS, JUDGE, means
+from studies import few_queries, many_dimensions
 
-OUT = Path(__file__).parents[1] / "docs" / "images" / "few-queries.svg"
-COLOURS = dict(zip(COLUMNS, (MUTED, "#8f6bb3", "#3d9970", SKY, VERMILLION), strict=True))
-MARKERS = dict(zip(COLUMNS, "s^vDo", strict=True))
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
+LINES = {
+    "random": (MUTED, "s"),
+    "bbgan": ("#8f6bb3", "^"),
+    "gp": ("#3d9970", "v"),
+    "trees": (SKY, "D"),
+    "smc": ("#b58900", "P"),
+    "level-set": (VERMILLION, "o"),
+}
+"""The colour and the marker of each adversary that is drawn."""
 
 
 @own_style()
-def main() -> None:
-    """Draw a panel for each track that has been measured, five in a row."""
-    of_track = {track: found for track in (*CHOOSE, *JUDGE) if (found := means(track))}
-    rows = -(-len(of_track) // 5)
-    figure = new_figure(12.0, 2.9 * rows + 0.5)
-    panels = figure.subplots(rows, 5, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes, (track, mean) in zip(panels, of_track.items(), strict=False):
-        for name in COLUMNS:
-            if by_budget := mean.get(name):
+def draw(
+    name: str, means: dict[str, dict[str, dict[int, float]]], budgets: Sequence[int], columns: int
+) -> None:
+    """Draw a panel for each title of `means`, which has F1 by adversary and budget."""
+    rows = -(-len(means) // columns)
+    figure = new_figure(2.4 * columns, 2.9 * rows + 0.5)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, (title, mean) in zip(panels, means.items(), strict=False):
+        for adversary, (colour, marker) in LINES.items():
+            if by_budget := mean.get(adversary):
                 axes.plot(
                     list(by_budget),
                     list(by_budget.values()),
-                    color=COLOURS[name],
-                    marker=MARKERS[name],
+                    color=colour,
+                    marker=marker,
                     markersize=5,
-                    linewidth=2.4 if name == "level-set" else 1.4,
-                    label=name,
+                    linewidth=2.4 if adversary == "level-set" else 1.4,
+                    label=adversary,
                 )
-        axes.set_title(track[5:-3], fontsize=11)
+        axes.set_title(title, fontsize=11)
         axes.set_xscale("log", base=2)
-        axes.set_xticks(BUDGETS, labels=[f"{budget}" for budget in BUDGETS])
+        axes.set_xticks(budgets, labels=[f"{budget:,}" for budget in budgets])
         axes.set(ylim=(0.0, 1.03), xlabel="queries")
         tidy(axes)
-    for axes in panels[len(of_track) :]:
+    for axes in panels[len(means) :]:
         axes.remove()
-    for axes in panels[::5]:
+    for axes in panels[::columns]:
         axes.set_ylabel("F1")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize=11)
-    OUT.write_bytes(svg(figure))
+    figure.legend(handles, labels, loc="outside upper center", ncols=6, frameon=False, fontsize=11)
+    (IMAGES / f"{name}.svg").write_bytes(svg(figure))
+
+
+def main() -> None:
+    """Draw both charts, with a panel for each track or problem that has been measured."""
+    tracks = (*few_queries.CHOOSE, *few_queries.JUDGE)
+    of_track = {track[5:-3]: found for track in tracks if (found := few_queries.means(track))}
+    for mean in of_track.values():
+        mean.pop("smc", None)  # on digits alone
+    draw("few-queries", of_track, few_queries.BUDGETS, 5)
+    problems = many_dimensions.PROBLEMS
+    of_problem = {one: found for one in problems if (found := many_dimensions.means(one))}
+    draw("many-dimensions", of_problem, many_dimensions.BUDGETS, 3)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import evaluation_seeds, fools
+from sada_gym.foundations.arithmetic import CANONICAL, arithmetic
 from sada_gym.foundations.arrays import Bools, Floats, Floats32
 from sada_gym.foundations.files import (
     MAX_ARRAYS_BYTES,
@@ -210,9 +211,11 @@ def load_reference(
         ("points' SHA-256", entry.mu_sha256, _mu_sha256(mu)),
     ):
         if expected != got:
+            fix = "Restore the file, or make the set again with studies/reference_sets.py."
+            if what == "agent's fingerprint" and arithmetic() != CANONICAL:
+                fix = "Import sada_gym before NumPy and torch, which round in another way here."
             raise UserError(
-                f"Expected the reference set {path} with the {what} {expected}, got {got}. "
-                "Restore the file, or make the set again with studies/reference_sets.py."
+                f"Expected the reference set {path} with the {what} {expected}, got {got}. {fix}"
             )
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return Reference(entry, mu, arrays["fooled"], arrays["mean_score"])

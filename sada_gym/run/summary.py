@@ -242,8 +242,8 @@ def _combined(found: Combined, values: _Values) -> str:
     return (
         f"within amounts of which each alone is harmless, "
         f"{rate_text(Rate.of(found.fooled, found.worlds), f'{found.worlds} worlds')} fail, and "
-        f"{found.within} of the {found.failures} failures lie there\n"
-        f"harmless alone: {', '.join(alone)}"
+        f"{found.within} of the {found.failures} failures lie there.\n"
+        f"Harmless alone: {', '.join(alone)}"
     )
 
 

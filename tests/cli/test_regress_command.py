@@ -216,7 +216,7 @@ def test_a_moved_suite_goes_on_without_the_run_and_with_a_newer_agent_file(folde
     result = run(*command, "--baseline", folder / "better.pt")
     assert result.exit_code == 1, result.output
     assert "the agent.pt is another file than when it was exported" in result.stdout
-    assert "regressed" in result.stdout
+    assert "worlds fail that passed before" in result.stdout
 
 
 @pytest.mark.parametrize(

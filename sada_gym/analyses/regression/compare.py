@@ -108,7 +108,7 @@ def decide(
 
     McNemar's test in its exact form (1947): if nothing is worse, a world with a changed verdict is
     as likely fixed as broken. Without a margin, an agent fails where significantly more worlds
-    regressed than were fixed, and passes where the opposite holds or none regressed. With a margin
+    broke than were fixed, and passes where the opposite holds or none broke. With a margin
     it passes where the increase of failing worlds is below the margin at 95 % confidence
     (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
 
@@ -138,6 +138,7 @@ def decide(
     against, for_ = fixed + unlucky[0], broken + unlucky[1]
     worse, better = _p_value(broken, against), _p_value(fixed, for_)
     at_most = increase_at_most(broken, fixed, n)
+    changed = f"{broken} of {n} worlds fail that passed before, and {fixed} were fixed"
     status: Status
     more = repeats = None
     if unchanged and not broken + fixed:
@@ -147,7 +148,7 @@ def decide(
         reason = f"The increase of failing worlds is at most {at_most:.1%}, within {margin:.1%}"
     elif worse <= alarm:
         status = "failed"
-        reason = f"{broken} of {n} worlds regressed and {fixed} were fixed (p = {worse:.2g})"
+        reason = f"{changed} (p = {worse:.2g})"
     elif margin is not None:
         status, more = "inconclusive", _more_for_margin(broken, fixed, n, margin)
         repeats = None if more is None else -(-(n + more) // n)
@@ -165,7 +166,7 @@ def decide(
         reason = f"No regression: {fixed} fixed, {remain}, none new"
     elif better <= ALPHA:
         status = "passed"
-        reason = f"{fixed} of {n} worlds were fixed and {broken} regressed (p = {better:.2g})"
+        reason = f"{changed} (p = {better:.2g})"
     else:
         most, least, risk = (broken, against, alarm) if worse < better else (fixed, for_, ALPHA)
         status, more = "inconclusive", _more_discordant(most, least, risk)
@@ -173,7 +174,7 @@ def decide(
         lucky = f", as {unlucky[0]} controls that were tried failed" if unlucky[0] else ""
         in_all = f", or about {repeats} suites like this one" if repeats else ""
         reason = (
-            f"{broken} of {n} worlds regressed and {fixed} were fixed, which may be chance{lucky} "
+            f"{changed}, which may be chance{lucky} "
             f"(p = {min(worse, better):.2g}): a decision takes at least {more} more worlds that "
             f"change in the same way{in_all}"
         )

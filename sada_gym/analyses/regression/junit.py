@@ -120,7 +120,7 @@ def markdown(result: Regression) -> str:
         scores = ", ".join(f"{score:.3g}" for score in world.scores)
         lines.append(f"| {_plain(case.id)} | {world.change} | {place} | {seeds} | {scores} |")
     if len(broken) > _SHOWN:
-        lines += ["", f"{len(broken) - _SHOWN} more worlds regressed."]
+        lines += ["", f"{len(broken) - _SHOWN} more worlds fail that passed before."]
     incomparable = sum(world.change == "not comparable" for world in result.worlds)
     if incomparable:
         lines += ["", f"{incomparable} worlds are invalid, now or before, and do not count."]

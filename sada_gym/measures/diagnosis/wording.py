@@ -176,6 +176,8 @@ def _around(parameter: Parameter, low: float, high: float) -> str:
     first, last = (_wrapped(parameter, end) for end in (low, high))
     if first == -last and first > last:
         degrees = f"beyond ±{_plain(first)}°"
+    elif last == parameter.low:
+        degrees = f"{_plain(first)}° to {_plain(parameter.high)}°"
     elif first > last:
         degrees = f"above {_plain(first)}° or below {_plain(last)}°"
     else:

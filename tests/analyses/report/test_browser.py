@@ -153,6 +153,9 @@ def test_a_row_of_the_table_shows_its_world_and_command(view, runs):
     button.click()
     panel = find(driver, ".world")
     assert panel.find_element("css selector", "h3").text.lower().startswith(name)
+    shown = len(panel.find_elements("css selector", "tbody th"))
+    assert shown == len(Hostile.parameters)  # its own values, not the table's rows
+    assert len(driver.find_elements("css selector", ".scroll tbody tr")) > 1
     commands = [one.text for one in panel.find_elements("css selector", "pre")]
     row = name.removeprefix("sample ")
     assert f"""sada-gym replay 'a <b> '"'"'c'"'"'' --sample {row} --out replay.gif""" in commands

@@ -232,7 +232,7 @@ def test_a_file_describes_images_and_is_attacked(tmp_path):
     assert -3.0 < low < 0.0 < high == 1.0
     rows = dict(run.rows())
     assert "each alone is harmless" in rows["combinations"]
-    assert "harmless alone: visibility" in rows["combinations"]
+    assert "Harmless alone: visibility" in rows["combinations"]
     assert sada_gym.load_run(tmp_path / "run").open().application.settings["batch"] == 2
 
 

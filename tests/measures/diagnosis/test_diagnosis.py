@@ -254,6 +254,10 @@ def test_an_angle_is_not_cut_at_its_seam():
     [weakness] = diagnose_worlds(space, known, 0.5, np.ones(1_000, np.bool_)).weaknesses
     assert weakness.text == "wind is in front (above 340° or below 20°)"
     assert (holds(weakness.conditions, space, mu) == fooled).mean() > 0.99
+    fooled = azimuth > 300  # up to the seam, and not below an angle that nothing is below
+    known = Evaluations(mu, 1.0 - fooled, np.arange(1_000))
+    [weakness] = diagnose_worlds(space, known, 0.5, np.ones(1_000, np.bool_)).weaknesses
+    assert weakness.text.endswith("(300° to 360°)")
 
 
 def test_noise_is_nowhere_in_particular():

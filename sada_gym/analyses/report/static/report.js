@@ -201,7 +201,7 @@
     const heads = ["world", "", "Q", ...(controls.weakness.length > 1 ? ["weakness"] : []), ...columns.map((p) => p.label)];
     find("thead").replaceChildren(element("tr", {}, ...heads.map((head) => element("th", { scope: "col" }, head))));
     const start = state.page * ROWS, rows = state.chosen.slice(start, start + ROWS);
-    find("tbody").replaceChildren(...rows.map(([r, i]) => {
+    find(".scroll tbody").replaceChildren(...rows.map(([r, i]) => {
       const run = runs[r], button = element("button", { type: "button" }, label(r, i));
       button.onclick = () => pick(r, i, true);
       const cells = [button, `${MARKS[run.verdict[i]]} ${KINDS[run.verdict[i]]}`, run.score[i].toFixed(3)];
