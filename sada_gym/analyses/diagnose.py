@@ -49,17 +49,16 @@ def diagnose(
 ) -> Diagnosis:
     """Find one to five weaknesses of the agent that a finished run attacked.
 
-    Rules are found among the training queries and the test samples; fresh uniform worlds inside
-    and outside decide which of them stand. The diagnosis is written to the run's folder as
-    diagnosis.json, and the fresh scores are kept there, so that a stopped call continues where
-    it was. Where the training queries are lost, a diagnosis that knew them is kept, and
-    returned, until its file is removed.
+    It looks for rules among the training queries and the test samples, and checks them on fresh
+    uniform worlds inside and outside. It writes diagnosis.json into the run's folder and keeps
+    the fresh scores there, so that a stopped call continues where it was. If the training
+    queries are lost, it returns the diagnosis that knew them, until you remove that file.
 
     Args:
         run: A run, or its folder.
         fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
             least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
-        confirm: Tries each failure among the samples again on so many fresh seeds, see
+        confirm: On how many fresh seeds to try each failing sample again, see
             `sada_gym.measures.failures`.
         application: What the run attacked, if it did not record it, see `Run.open`.
         workers: See `Workers`.

@@ -149,9 +149,9 @@ def transfer(
 ) -> Transfers:
     """Score the samples of finished runs in other tracks, against other agents, on other shapes.
 
-    A sample keeps its physical values: where a range differs, mu does too. What lies outside a
-    range is moved to its end, and counted. Beside the samples stand as many ordinary worlds, a
-    hundred at most: where these fail as well, samples that fail say little. The scores are kept in
+    A sample keeps its physical values, so its mu changes where a range differs. A value outside a
+    range is moved to its end, and counted. As many ordinary worlds, at most a hundred, are scored
+    too: if these also fail, samples that fail say little. The scores are kept in
     `elsewhere.sqlite` in the run's folder, so that a stopped call continues where it was.
 
     Args:

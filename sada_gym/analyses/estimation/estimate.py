@@ -69,8 +69,8 @@ def estimate(
 ) -> FailureEstimate:
     """Estimate with which probability the agent fails in ordinary use, over worlds and seeds.
 
-    Nearly half of the budget learns where the agent fails; of a run its queries help, and cost
-    nothing more. The rest is fresh: plain draws of ordinary use, and as many where failures are
+    Nearly half of the budget learns where the agent fails; the queries of a run help, for free.
+    The rest is fresh: plain draws of ordinary use, and as many where failures are
     expected. The estimate is unbiased wherever the agent fails. Its interval relies on one thing:
     that no region of failures escaped all queries, see `FailureEstimate.unseen`.
 

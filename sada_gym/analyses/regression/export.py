@@ -85,13 +85,13 @@ def export(
     workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Exported:
-    """Write the failures of finished runs as a regression suite, or in a form of others.
+    """Write the failures of finished runs as a regression suite, or in another format.
 
-    The failures among the samples and the training queries are grouped by the weaknesses of the
-    runs' diagnoses; without any, by wide gaps. Of each group at most `MOST_IN_GROUP` that lie apart
-    are confirmed: they stay where they fail on most of `confirm` fresh seeds. Each gets the nearest
-    world that passes on most of its fresh seeds as a control. Beside them stand `ORDINARY_WORLDS`
-    of ordinary use, whatever the agent does there. The fresh scores are kept in the first run's
+    It groups the failures among the samples and the training queries by the weaknesses of the runs'
+    diagnoses; without any, by wide gaps. From each group it tries at most `MOST_IN_GROUP`, far
+    apart, on `confirm` fresh seeds, and keeps those that fail on most. Each gets a control: the
+    nearest world that passes on most of its fresh seeds. `ORDINARY_WORLDS` of ordinary use are
+    added, whatever the agent does there. The fresh scores are kept in the first run's
     folder, so that a stopped call continues where it was.
 
     Args:

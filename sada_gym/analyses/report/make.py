@@ -76,8 +76,8 @@ def report(
     Args:
         run: A run, or its folder.
         other: A second one.
-        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html of two. Of a
-            name that ends in .png it is a picture of the first screen, if Chromium is installed.
+        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html for two. With
+            a name that ends in .png, a picture of the first screen, if Chromium is installed.
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
             opens what the run names, if it is needed and can be.
         pictures: How many worlds to draw beside those of the first screen; None draws as many as

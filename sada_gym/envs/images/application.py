@@ -82,11 +82,11 @@ class ImageApplication(Application):
             own is an address, `"tcp://127.0.0.1:7788"`, or a command, a list of texts.
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
-            classes, if all lie in such. Where there are none, what the model tells of the untouched
+            classes, if all lie in such. Without labels, what the model says about the untouched
             images is the truth: then a failure is a changed answer.
         conditions: `common`, `camera`, `weather`, `all`; a list of names and of conditions of your
             own; or a dictionary from a name to True or to a narrower range of its first parameter.
-        task: `classify` or `detect`, where neither labels nor the agent say it.
+        task: `classify` or `detect`, if neither the labels nor the agent tell it.
         classes: The names of the labels' classes, from 0.
         only: The names of the classes that count; None takes all.
         score: `right`, the share of images classified correctly, or of objects found; `confidence`,

@@ -103,9 +103,9 @@ class GymnasiumApplication(EpisodePictures):
         score: ("return", low, high), which clips; "success", which reads `info["is_success"]` or
             `info["success"]`; ("success", key) for another key; ("length", maximum); or a function
             of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
-            Several requirements are a dictionary of such scores by name, of which an episode fails
-            one at least where it fails: the score is then the least margin, see `Several`.
-        fooling_threshold: The agent is fooled where the score is at most this. Of several
+            Several requirements are a dictionary of such scores by name. An episode fails if it fails
+            at least one of them: the score is then the least margin, see `Several`.
+        fooling_threshold: The agent is fooled where the score is at most this. For several
             requirements, one number for all, or one for each by name.
         episodes: The episodes whose mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
@@ -158,7 +158,7 @@ class GymnasiumApplication(EpisodePictures):
             saves costly constructors. No parameter may be a keyword of the constructor. Before the
             first score counts, three worlds must go the same way in new environments and in one
             that was reset.
-        requirement: Of several requirements, the one by which alone the agent fails, and whose
+        requirement: With several requirements, the only one that counts as a failure, and whose
             margin adversaries see; None takes the worst in each episode.
 
     Raises:
