@@ -103,8 +103,8 @@ class GymnasiumApplication(EpisodePictures):
         score: ("return", low, high), which clips; "success", which reads `info["is_success"]` or
             `info["success"]`; ("success", key) for another key; ("length", maximum); or a function
             of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
-            Several requirements are a dictionary of such scores by name. An episode fails if it fails
-            at least one of them: the score is then the least margin, see `Several`.
+            Several requirements are a dictionary of such scores by name. An episode fails if it
+            fails at least one of them: the score is then the least margin, see `Several`.
         fooling_threshold: The agent is fooled where the score is at most this. For several
             requirements, one number for all, or one for each by name.
         episodes: The episodes whose mean score counts.
