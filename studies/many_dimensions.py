@@ -21,7 +21,7 @@ import multiprocessing
 import resource
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -199,7 +199,7 @@ def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None
         queue.put(problem.run(*job))
 
 
-def measure(name: str, seeds: list[int]) -> None:
+def measure(name: str, seeds: list[int], adversaries: Sequence[str]) -> None:
     """Run what is missing, each in a process of its own, and write each run as it comes."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     problem = Problem(name)
@@ -207,7 +207,7 @@ def measure(name: str, seeds: list[int]) -> None:
     done = {(row["adversary"], row["budget"], row["seed"]) for row in read(name)}
     context = multiprocessing.get_context("fork")
     for seed in seeds:
-        for adversary in FEWER if problem.is_slow else ADVERSARIES:
+        for adversary in FEWER if problem.is_slow else adversaries:
             for budget in BUDGETS[1:2] if problem.is_slow else BUDGETS:
                 if (job := (adversary, budget, seed)) in done:
                     continue
@@ -254,13 +254,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("action", choices=("run", "table"))
     parser.add_argument("problems", nargs="*", default=PROBLEMS)
+    parser.add_argument("--adversaries", nargs="+", default=ADVERSARIES)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     given = parser.parse_args()
     if given.action == "table":
         print(table())
         return
     for problem in given.problems:
-        measure(problem, given.seeds)
+        measure(problem, given.seeds, given.adversaries)
 
 
 if __name__ == "__main__":
