@@ -208,7 +208,9 @@ def combine(decision: Decision, ordinary: Decision | None) -> Decision:
         reason = f"{decision.reason} The suite holds no ordinary worlds: export it again."
         return decision.model_copy(update={"reason": reason})
     worse = max(decision, ordinary, key=lambda one: _ORDER.index(one.status))
-    reasons = [decision.reason, f"In ordinary worlds: {ordinary.reason}"]
+    reasons = [decision.reason]
+    if ordinary.reason != decision.reason:
+        reasons.append(f"In ordinary worlds: {ordinary.reason}")
     return decision.model_copy(
         update={
             "status": worse.status,
