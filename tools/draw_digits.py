@@ -5,6 +5,7 @@ They go to docs/images: each parameter's range, failures of each digit, and pixe
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +59,10 @@ def parameters() -> Image.Image:
     return sheet(rows)
 
 
-def failures() -> Image.Image:
+def failures(digits: Iterable[int] = range(10)) -> Image.Image:
     """The first uniform worlds of each digit that fool, not chosen further."""
     rows = []
-    for digit in range(10):
+    for digit in digits:
         application = DigitsApplication(digit)
         rng = np.random.default_rng(digit)
         mu = rng.uniform(-1, 1, (1_000, 6)).astype(np.float32)
@@ -72,6 +73,11 @@ def failures() -> Image.Image:
             cells.append((application.attacked_image(mu[i], int(i))[1], said, WRONG))
         rows.append((f"digit {digit}", cells))
     return sheet(rows)
+
+
+def misread() -> Image.Image:
+    """The same of three digits, for the top of a page."""
+    return failures((3, 7, 4))
 
 
 def gradient_sign(application: PixelApplication) -> np.ndarray:
@@ -106,8 +112,8 @@ def pixels() -> Image.Image:
 
 def main() -> None:
     """Draw all."""
-    for name, draw in (("parameters", parameters), ("failures", failures), ("pixels", pixels)):
-        draw().save(IMAGES / f"digits-{name}.png", optimize=True)
+    for draw in (parameters, failures, misread, pixels):
+        draw().save(IMAGES / f"digits-{draw.__name__}.png", optimize=True)
 
 
 if __name__ == "__main__":
