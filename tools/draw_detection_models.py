@@ -1,7 +1,7 @@
-"""Draw docs/images/detection-models.png: `python -m tools.draw_detection_models`.
+"""Draw docs/images/detection-{models,renderers}.png: `python -m tools.draw_detection_models`.
 
 One view of a car in one place: the benchmark's shape, the box of the page's example as a CAD file,
-a textured model, and this model in Blender.
+a textured model, and this model in Blender. The second picture has the last two alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sada_gym.envs.detection.renderers.base import Renderer
 from sada_gym.envs.detection.renderers.blender import Blender
 from sada_gym.foundations.drawing import INK_RGB, font
 
-OUT = Path(__file__).parents[1] / "docs" / "images" / "detection-models.png"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED, SIDE, GAP, LABEL = 10, 280, 8, 34
 VIEW = (9.0, 40.0, 14.0, 40.0, 50.0, 0.75, 0.12, 0.1)
 """Physical values: red paint, from three quarters in front, the sun behind the camera."""
@@ -61,7 +61,9 @@ def main() -> None:
         left = place * (SIDE + GAP)
         sheet.paste(picture, (left, 0))
         draw.text((left + 2, SIDE + 6), name, fill=INK_RGB, font=font(20))
-    sheet.save(OUT, optimize=True)
+    sheet.save(IMAGES / "detection-models.png", optimize=True)
+    two = sheet.crop((2 * (SIDE + GAP), 0, *size))
+    two.save(IMAGES / "detection-renderers.png", optimize=True)
 
 
 if __name__ == "__main__":
