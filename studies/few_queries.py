@@ -208,10 +208,11 @@ def means(track: str) -> dict[str, dict[int, float]]:
 
 def table(tracks: Sequence[str], names: Sequence[str]) -> list[str]:
     """Write F1 by track and budget, a column an adversary; the best and what shares are bold."""
-    lines = ["| track | queries | " + " | ".join(f"`{name}`" for name in names) + " |"]
-    lines.append("| --- " * (len(names) + 2) + "|")
+    lines = ["| track | seeds | queries | " + " | ".join(f"`{name}`" for name in names) + " |"]
+    lines.append("| --- " * (len(names) + 3) + "|")
     for track in tracks:
         mean = means(track)
+        seeds = len({row["seed"] for row in read(track) if row["adversary"] == "level-set"})
         for budget in BUDGETS:
             of_all = {
                 name: by_budget[budget] for name, by_budget in mean.items() if budget in by_budget
@@ -227,7 +228,7 @@ def table(tracks: Sequence[str], names: Sequence[str]) -> list[str]:
                 else f"{of_all[name]:.2f}"
                 for name in names
             ]
-            lines.append(f"| {track[5:-3]} | {budget} | " + " | ".join(cells) + " |")
+            lines.append(f"| {track[5:-3]} | {seeds} | {budget} | " + " | ".join(cells) + " |")
     return lines
 
 
