@@ -107,7 +107,7 @@ def of_worst_return() -> Figure:
             for name, *cells in table[1:]:
                 if cells[column - 1] == "-":
                     continue
-                mean, spread = map(float, cells[column - 1].split("±"))
+                mean, spread = map(float, cells[column - 1].replace(",", "").split("±"))
                 place = names.index(name) + shift
                 colour = FOOLED if name == "bayesian" else UNHURT if "grid" in name else MUTED
                 ends = (max(1.0, mean - spread), mean + spread)
