@@ -146,7 +146,7 @@ def of_tools() -> Figure:
             side = "right" if left else "left"
             gap, down = (
                 (-3 if left else 3),
-                (-5 if row[1] in ("cma-mae", "tpe", "bbgan (paper)") else 0),
+                (-5 if row[1] in ("cma-mae", "tpe", "bbgan", "bbgan (paper)") else 0),
             )
             axes.text(
                 coverage + gap,
