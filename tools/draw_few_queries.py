@@ -35,7 +35,7 @@ def draw(
     """Draw a panel for each title of `means`, which has F1 by adversary and budget."""
     rows = -(-len(means) // columns)
     figure = new_figure(2.4 * columns, 2.9 * rows + 0.5)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for axes, (title, mean) in zip(panels, means.items(), strict=False):
         for adversary, (colour, marker) in LINES.items():
             if by_budget := mean.get(adversary):
@@ -69,9 +69,10 @@ def main() -> None:
     for mean in of_track.values():
         mean.pop("smc", None)  # on digits alone
     draw("few-queries", of_track, few_queries.BUDGETS, 5)
-    problems = many_dimensions.PROBLEMS
+    kinds = ("corner", "sum", "gust", "cart-pole")
+    problems = [f"{kind}-{d}" for d in (10, 20, 40) for kind in kinds]
     of_problem = {one: found for one in problems if (found := many_dimensions.means(one))}
-    draw("many-dimensions", of_problem, many_dimensions.BUDGETS, 3)
+    draw("many-dimensions", of_problem, many_dimensions.BUDGETS, 4)
 
 
 if __name__ == "__main__":
