@@ -134,7 +134,7 @@ def of_scale() -> Figure:
     colours = (FOOLED, UNHURT, MUTED, INK)
     for k, axes in enumerate(panels):
         for column, (scale, marker) in enumerate(zip(scales, "os^D", strict=True)):
-            values = [float(row[1 + column].split("/")[k]) * (1, 100)[k] for row in rows]
+            values = [float(row[1 + column].split("/")[k]) for row in rows]
             places = [place + 0.16 * (column - 1.5) for place in range(len(rows))]
             shown = {"color": colours[column], "ms": 6, "label": scale}
             axes.plot(values, places, marker, **shown)

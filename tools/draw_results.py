@@ -45,7 +45,10 @@ def bars(
     places = range(len(labels))
     axes.barh(places, values, **look)
     for place, value in zip(places, values, strict=True):
-        axes.text(value, place, f" {value:{form}}", va="center", fontsize=8, color=ink)
+        look_of = {"va": "center", "fontsize": 8, "color": ink}
+        axes.annotate(
+            f"{value:{form}}", (value, place), (4, 0), textcoords="offset points", **look_of
+        )
     axes.set_yticks(places, labels=labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)
 
@@ -67,9 +70,9 @@ def by_dimension() -> Figure:
     shown = ("level-set", "smc", "memorise", "trees", "level-set, no hits", "random")
     ends = []
     for i, label in enumerate(shown):
-        colour = FOOLED if label == "level-set" else (UNHURT, INK, MUTED)[i % 3]
+        colour = (FOOLED, "#009e73", MUTED, UNHURT, FOOLED, INK)[i]
         width = 2.6 if label == "level-set" else 1.4
-        style = "--" if label == "level-set, no hits" else "-"
+        style = {"level-set, no hits": "--", "random": ":"}.get(label, "-")
         axes.plot(dimensions, found[label], style, color=colour, lw=width, marker="o", ms=4)
         ends.append((found[label][-1], label, colour))
     height = 1.0
@@ -168,7 +171,8 @@ def of_tools() -> Figure:
 def of_paper() -> Figure:
     """Draw the AFR of ours and of the paper's adversaries on the columns of its Table 1."""
     heading, *rows = named(DOCS / "results" / "table-1" / "table.md", "12-class avg")
-    rows = [row for row in rows if row[0] != "full set" and any("/" in cell for cell in row)]
+    paper = [row for row in rows if any("/" in cell for cell in row) or row[0] == "ideal"]
+    rows = [row for row in paper if row[0] != "full set"]
     figure = new_figure(9.6, 5.6)
     panels = figure.subplots(2, 5, sharex=True, sharey=True).flat
     for column, axes in enumerate(panels, 1):
@@ -218,7 +222,18 @@ def of_speed() -> Figure:
     figure = new_figure(6.2, 2.4)
     axes = figure.subplots()
     seconds = [float(row[column].removesuffix(" s")) for row in rows]
-    bars(axes, [row[0] for row in rows], seconds, "g", color=UNHURT)
+    axes.plot(seconds, range(len(rows)), "o", color=UNHURT, ms=8)
+    for place, value in enumerate(seconds):
+        axes.annotate(
+            f"{value:g} s",
+            (value, place),
+            (8, 0),
+            textcoords="offset points",
+            va="center",
+            color=INK,
+        )
+    axes.set_yticks(range(len(rows)), labels=[row[0] for row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set(xscale="log", xlabel="seconds on one core", xlim=(0.05, 300))
     axes.set_xticks((0.1, 1, 10, 100), labels=("0.1", "1", "10", "100"))
     tidy(axes)
@@ -291,6 +306,7 @@ def main() -> None:
         "results-speed": of_speed(),
         "comparison": of_tools(),
         "designs-bbgan": of_designs("appendix-bbgan"),
+        "designs-level-set": of_designs("appendix-level-set"),
         "designs-rl": of_designs("appendix-reinforcement-learning"),
         "parking": of_parking(),
     }
