@@ -45,6 +45,8 @@ myst_heading_anchors = 3
 # notebooks keep what they printed and drew: `python -m tools.run_notebooks` runs them
 nb_execution_mode = "off"
 
+smartquotes_action = "De"  # straight quotes: what is copied from a page is code
+
 html_theme = "furo"
 pygments_dark_style = "github-dark"  # Furo's underlines the names of modules, like links
 html_static_path = ["_static"]
@@ -57,6 +59,18 @@ _FIGURES = 18
 
 _VALUE = 80
 """Letters of the longest value of a constant that the API's pages show."""
+
+_ROOT = Path(sada_gym.__file__).resolve().parents[1]
+_RECORDS = (
+    "sada_gym.analyses.regression.",
+    "sada_gym.analyses.replay.",
+    "sada_gym.analyses.rescore.",
+    "sada_gym.board.results.",
+    "sada_gym.experiment.",
+    "sada_gym.measures.",
+    "sada_gym.run.",
+)
+"""Where classes are results, which only this package makes."""
 
 default_role = "code"
 # the contracts for pytest are documented where it is not installed, too
@@ -185,13 +199,22 @@ def _few(names: Sequence[str], most: int) -> str:
 
 def keep_first_line_of_markdown(*arguments: Any) -> None:
     """Leave an environment's Markdown docstring to its own page."""
-    lines: list[str] = arguments[-1]
+    documented, lines = arguments[2], arguments[-1]
     headings = [i for i, line in enumerate(lines) if line.startswith("## ")]
     if headings:
         del lines[headings[0] :]
-        below = arguments[2].startswith("sada_gym.evaluation")
-        page = "See below." if below else "Its page is :doc:`/environments/index`."
+        page = f"environments/{documented.split('.')[2]}"
+        below = not Path(__file__).with_name(f"{page}.md").is_file()
+        what = "Its parameters, score and worlds: "
+        page = "See below." if below else f"{what}:doc:`/{page}`."
         lines += [page, ""]
+
+
+def leave_out_module_lines(*arguments: Any) -> None:
+    """Leave out a module's line above its members: it reads like a part of what stands before."""
+    what, options, lines = arguments[1], arguments[4], arguments[-1]
+    if what == "module" and options.get("members") and len(list(filter(None, lines))) < 2:
+        lines.clear()
 
 
 def keep_sentences_whole(*arguments: Any) -> None:
@@ -201,11 +224,20 @@ def keep_sentences_whole(*arguments: Any) -> None:
         lines[:0] = ["..", ""]  # an empty comment: napoleon looks at the first line alone
 
 
-def shorten_defaults(*arguments: Any) -> tuple[str, str | None] | None:
-    """Show a function or factory that an argument has by default as `...`, and a path as a text."""
+def shorten_signature(*arguments: Any) -> tuple[str, str | None] | None:
+    """Show a function or factory that an argument has by default as `...`, and a path as a text.
+
+    The arguments that all bindings share have a table, and nobody makes records by hand.
+    """
+    what, name = arguments[1:3]
     signature, returned = arguments[-2:]
     if not signature:
         return None
+    if what == "class" and name.startswith(_RECORDS) and len(signature) > _VALUE:
+        return "", returned
+    shared = r"\*, unit=.*?, over=None(?:, (.*))?\)$"
+    signature = re.sub(shared, lambda m: (f"*, {m[1]}, " if m[1] else "") + "**shared)", signature)
+    signature = signature.replace(f"PosixPath('{_ROOT}/", "PosixPath('")
     signature = re.sub(r"=<(function .*?>+|factory>)", "=...", signature)
     return re.sub(r"\bPosixPath\((.*?)\)", r"\1", signature), returned
 
@@ -252,5 +284,6 @@ def setup(app: Sphinx) -> None:
     app.connect("doctree-read", mark)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)
     app.connect("doctree-read", shorten_values)
+    app.connect("autodoc-process-docstring", leave_out_module_lines)
     app.connect("autodoc-process-docstring", keep_sentences_whole, priority=400)  # before napoleon
-    app.connect("autodoc-process-signature", shorten_defaults)
+    app.connect("autodoc-process-signature", shorten_signature)

@@ -70,7 +70,7 @@ class Scored:
     that a vector environment can batch them. Put data of varying length into a list.
 
     A world that cannot be computed is invalid: its extra `invalid` is a text that says why, which
-    is empty in other worlds. It is no failure of the agent; its score becomes `INVALID_SCORE`.
+    is empty in other worlds. It is no failure of the agent; its score becomes 1.
     """
 
     score: Floats

@@ -51,7 +51,7 @@ class Evaluations:
 
     @classmethod
     def unseeded(cls, mu: Mu, score: Floats) -> Evaluations:
-        """Make a record without seeds, which an adversary does not know: all `UNKNOWN_SEED`."""
+        """Make a record without seeds, which an adversary does not know: all are -1."""
         return cls(mu, score, np.full(len(score), UNKNOWN_SEED, np.int64))
 
     @classmethod

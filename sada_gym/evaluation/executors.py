@@ -73,7 +73,7 @@ class Workers:
 class OpenExecutor(ExitStack):
     """An executor that is ready for work.
 
-    Its `close` leaves the cluster, or ends one that was started here; calling it twice is fine.
+    `close` leaves the cluster, or ends one that was started here; calling it twice is fine.
 
     Attributes:
         workers: Pass them to `attack`, `Oracle` or whatever takes `workers=`.

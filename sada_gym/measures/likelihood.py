@@ -65,13 +65,13 @@ class FailureEstimate(Strict):
         interval: Its 95 % interval.
         queries: The evaluations that it took, beside those of a run.
         method: How it was found.
-        refused: Why it is not to be relied on; None where nothing speaks against it.
-        held: The share of the density that lies in the ranges; the rest is left out.
+        refused: Why the estimate must not be trusted; None where nothing speaks against it.
+        held: The share of ordinary use that lies in the ranges; the rest is left out.
         drawn: The last, fresh, valid draws that the estimate counts; `failures` of them failed.
         failures: How many of these failed.
-        plain: How many of these are plain draws of ordinary use, wherever failures are expected.
+        plain: How many of the draws come from ordinary use, not from where failures are expected.
         plain_failures: How many plain draws failed.
-        effective: How many failures in plain draws would be as informative.
+        effective: As certain as this many failures among plain draws would make the estimate.
         unseen: With 95 % confidence a region of failures in which no query and no plain draw lay
             has at most this probability.
         shares: How much of the probability lies in each weakness of the run's diagnosis, the most

@@ -21,7 +21,7 @@ _SCHEME = "file://"
 
 
 class Given(Strict):
-    """How what a run attacks was given.
+    """What `attack` got as the environment, so that `Run.open` can make it again.
 
     Attributes:
         by: The `id` of an environment, the text of a `toml` file, or `python`, where only the

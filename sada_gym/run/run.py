@@ -51,7 +51,7 @@ class Run:
     Attributes:
         folder: The folder that `attack` wrote.
         settings: What the run did.
-        given: How what it attacked was given.
+        given: What it attacked: an id, a TOML file, or an application made in Python.
         samples: The M test samples.
         was_finished: Whether `attack` found it finished, and evaluated nothing.
     """

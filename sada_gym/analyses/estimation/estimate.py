@@ -86,7 +86,7 @@ def estimate(
             `nominal=`; or densities of parameters by name, as `nominal=` takes them, the others
             being uniform; or a joint density of all parameters' physical values, such as
             `scipy.stats.multivariate_normal(mean, covariance)`, by its `rvs` and `logpdf`; or
-            logged worlds, (n, d) physical values or the path of a CSV file, see `TableDensity`. A
+            logged worlds, (n, d) physical values or the path of a CSV file. A
             run's folder then gets `density.png`.
         env_kwargs: Keywords of an id.
         application: What the run attacked, if it did not record it, see `Run.open`.

@@ -138,11 +138,11 @@ def regress(
         agent: A shipped agent's name, an agent's file, a `tcp://` address or `module:object`, as
             the application takes it; or the application itself, with the agent in it.
         baseline: What to compare it with, of the same kinds; None takes what the suite expects.
-        margin: See `decide`.
-        max_failing: See `demand`.
-        require_fixed: See `demand`.
-        max_probability: How likely a failure in ordinary use may be, see `gate`. The application
-            must know its density.
+        margin: The greatest tolerated increase of the rate of failing worlds, see `decide`.
+        max_failing: How many worlds may fail.
+        require_fixed: The share of the known failures that must be fixed.
+        max_probability: How likely a failure in ordinary use may be, by its 95 % interval. The
+            application must know its density.
         budget: The number of evaluations for that, see `estimate`.
         workers: See `Workers`.
         store: Keeps the scores, so that a stopped call continues where it was.

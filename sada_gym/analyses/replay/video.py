@@ -106,7 +106,7 @@ def replay(
             opens what the run's settings name.
         seconds: The length of a sample, about. A longer episode shows its end, and several failures
             share the time. With 1.5 s for each ending the video gets a little longer.
-        on_progress: See `OnProgress`.
+        on_progress: Gets `open`, `play` or `write`, how many samples are done, and their number.
 
     Raises:
         UserError: If an argument is bad, the application is another one, or a score differs.

@@ -28,7 +28,7 @@ class RunSummary(Strict):
         experiment: The experiment, with its seed.
         claims: What the entry claims; in the verifier's tier its measures, and its flags too.
         control: Whether the adversary is a control, which has no rank.
-        disqualified: Whether the verifier found what takes the rank: see `DISQUALIFYING`.
+        disqualified: Whether the verifier found a false claim, or constant or copied samples.
     """
 
     label: str
@@ -70,7 +70,7 @@ class Row(Strict):
             None where a track has no coverage.
         afr: The attack fooling rate. See `Measures`, also for the next figures.
         afr_iqm: Its interquartile mean over all runs.
-        means: The means of `MEANS`, by name; None where no run has the measure.
+        means: Further means, such as `mu_std`, by name; None where no run has the measure.
     """
 
     label: str

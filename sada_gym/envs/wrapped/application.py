@@ -85,33 +85,31 @@ class GymnasiumApplication(EpisodePictures):
         environment: An environment's id, `module:id`, or a function that makes one. A function gets
             `env_kwargs` and the parameters that are keywords, and `render_mode` where it takes it.
             An environment with packages of its own is an address, `"tcp://127.0.0.1:7789"`, or a
-            command that starts it, ["other/bin/python", "serve_environment.py", "CartPole-v1"].
+            command, `["other/bin/python", "serve_environment.py", "CartPole-v1"]`.
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
-            function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. An
-            agent in a separate process is an address, `"tcp://127.0.0.1:7788"`, or a command that
-            starts it, ["python", "serve.py"].
-            A function is called for one observation at a time, and must remember nothing, because
-            many episodes go on at once. A class or function without arguments, or with the one
-            argument `seed`, makes an agent for each episode; of an object with `reset` each episode
-            gets a copy. These may remember. What has an argument `env` gets the environment, too:
-            `predict(observation, deterministic=True, env=env)`. "built-in" says that the
-            environment acts by itself; it gets the action nearest to zero. Box actions are clipped
-            to their space.
+            function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. For
+            one in a separate process: its address, `"tcp://127.0.0.1:7788"`, or the command that
+            starts it, `["python", "serve.py"]`. A function gets one observation at a time. It must
+            not remember, because many episodes run at once; for an agent that remembers, pass a
+            class or function that makes one (its only argument may be `seed`), or an object with
+            `reset`, which each episode copies. An argument `env` gets the environment:
+            `predict(observation, deterministic=True, env=env)`. `"built-in"`: the environment
+            acts by itself and gets the action nearest to zero. Box actions are clipped.
         parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
             (low, high) is a keyword of the environment's constructor of that name, else an
             attribute of `env.unwrapped`.
-        score: ("return", low, high), which clips; "success", which reads `info["is_success"]` or
-            `info["success"]`; ("success", key) for another key; ("length", maximum); or a function
+        score: `("return", low, high)`, which clips; `"success"`, `info["is_success"]` or
+            `info["success"]`; `("success", key)`; `("length", maximum)`; or a function
             of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
             Several requirements are a dictionary of such scores by name. An episode fails if it
-            fails at least one of them: the score is then the least margin, see `Several`.
+            fails at least one of them: the score is then the least margin.
         fooling_threshold: The agent is fooled where the score is at most this. For several
             requirements, one number for all, or one for each by name.
         episodes: The episodes whose mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        max_steps: The limit of steps of an episode; None keeps the environment's own. "own" says
+        max_steps: The limit of steps of an episode; None keeps the environment's own. `"own"` says
             that it ends its episodes by itself, although no `TimeLimit` shows it; a world that goes
-            on for `MOST_STEPS` breaks.
+            on for 100,000 steps breaks.
         env_kwargs: The keywords that every environment gets.
         name: The application's name in reports; None takes the environment's.
         agent_id: Names the agent in evaluation stores, together with all functions of your own;
@@ -125,7 +123,7 @@ class GymnasiumApplication(EpisodePictures):
         on_error: What becomes of a world that breaks: its environment raises, gives NaN as a reward
             or in an observation, takes longer than `timeout`, or ends its worker process. Such a
             world is `invalid` by default, which is no failure of the agent: its score is
-            `INVALID_SCORE`, and an attack counts it apart. `fooled` counts it as a failure of the
+            1, and an attack counts it apart. `fooled` counts it as a failure of the
             agent, with score 0, and `raise` raises. NaN in observations is normal where the
             environment's first observation holds it, too.
         valid: A function of the unwrapped environment after an episode. It returns whether the

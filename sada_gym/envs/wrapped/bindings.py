@@ -71,7 +71,7 @@ class ParameterBinding(ABC):
             it; None takes the environment's own value.
         knots: Makes the value a curve over the episode through so many parameters, which are named
             `wind[0]`, `wind[1]` and so on. None keeps it the same.
-        curve: How it goes between the knots: see `Profile`.
+        curve: How it goes between the knots: `"linear"`, `"cubic"` or `"steps"`.
         over: The steps of the environment over which the knots lie; None takes the limit of an
             episode, or all steps of a force that acts for some steps.
     """
