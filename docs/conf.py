@@ -203,11 +203,14 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
     headings = [i for i, line in enumerate(lines) if line.startswith("## ")]
     if headings:
         del lines[headings[0] :]
-        page = f"environments/{documented.split('.')[2]}"
-        below = not Path(__file__).with_name(f"{page}.md").is_file()
-        what = "Its parameters, score and worlds: "
-        page = "See below." if below else f"{what}:doc:`/{page}`."
-        lines += [page, ""]
+        below = documented.startswith("sada_gym.evaluation")
+        page = next((part for part in documented.split(".") if _has_page(part)), "interface")
+        described = f"Its parameters, score and worlds: :doc:`/environments/{page}`."
+        lines += ["See below." if below else described, ""]
+
+
+def _has_page(name: str) -> bool:
+    return Path(__file__).with_name("environments").joinpath(f"{name}.md").is_file()
 
 
 def leave_out_module_lines(*arguments: Any) -> None:
