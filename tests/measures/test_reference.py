@@ -113,6 +113,16 @@ def test_a_set_of_something_else_is_refused(analytic, tmp_path, field, value, me
         load_reference(TRACK, analytic, tmp_path)
 
 
+def test_another_fingerprint_by_other_kernels_names_the_cause(analytic, tmp_path, monkeypatch):
+    write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    index = json.loads((tmp_path / INDEX).read_text())
+    index["references"][0]["fingerprint"] = "other"
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    monkeypatch.setattr("sada_gym.measures.reference.arithmetic", lambda: "another")
+    with pytest.raises(ValueError, match="Import sada_gym before NumPy"):
+        load_reference(TRACK, analytic, tmp_path)
+
+
 def test_scores_that_are_no_numbers_are_refused(analytic, tmp_path):
     with pytest.raises(ValueError, match="Expected finite scores"):
         write_reference(tmp_path, TRACK, analytic, np.full((3, 2), np.nan), sobol_seed=0)
