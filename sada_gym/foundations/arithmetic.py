@@ -62,9 +62,14 @@ def arithmetic() -> str:
     return f"{_OWN} of {' and '.join(differing)}" if differing else CANONICAL
 
 
+def could_be_canonical(found: str) -> bool:
+    """Say whether an `arithmetic` is not the canonical one, but could be on this processor."""
+    return found.startswith(_OWN)
+
+
 def warn_of_others(found: str) -> None:
     """Warn where an `arithmetic` is not the canonical one, and could be."""
-    if found.startswith(_OWN):
+    if could_be_canonical(found):
         line = " ".join(f"{k}='{v}'" for k, v in {**_CHOSEN, **_numpy_variables()}.items())
         warnings.warn(
             f"Expected the kernels that all processors with AVX2 share, got {found}, so that "

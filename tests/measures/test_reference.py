@@ -118,7 +118,8 @@ def test_another_fingerprint_by_other_kernels_names_the_cause(analytic, tmp_path
     index = json.loads((tmp_path / INDEX).read_text())
     index["references"][0]["fingerprint"] = "other"
     (tmp_path / INDEX).write_text(json.dumps(index))
-    monkeypatch.setattr("sada_gym.measures.reference.arithmetic", lambda: "another")
+    kernels = "this processor's own of NumPy"
+    monkeypatch.setattr("sada_gym.measures.reference.arithmetic", lambda: kernels)
     with pytest.raises(ValueError, match="Import sada_gym before NumPy"):
         load_reference(TRACK, analytic, tmp_path)
 
