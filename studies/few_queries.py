@@ -34,7 +34,7 @@ from sada_gym.measures.diagnosis.core import diagnose_worlds
 from sada_gym.measures.diagnosis.rules import holds
 from sada_gym.measures.reference import Reference, load_reference
 from sada_gym.parameters import Mu
-from studies.kept_rows import add_row, read_rows
+from studies.kept_rows import add_row, mean_f1, read_rows
 
 CHOOSE = (
     "SADA-Detection-Car-v0",
@@ -190,20 +190,7 @@ def measure(track: str, names: Sequence[str], budgets: Sequence[int], seeds: Seq
 
 
 def means(track: str) -> dict[str, dict[int, float]]:
-    """Return the mean F1 over seeds by adversary and budget."""
-    rows = [row for row in read(track) if "f1" in row]
-    return {
-        name: {
-            budget: float(np.mean(found))
-            for budget in BUDGETS
-            if (
-                found := [
-                    row["f1"] for row in rows if (row["adversary"], row["budget"]) == (name, budget)
-                ]
-            )
-        }
-        for name in dict.fromkeys(row["adversary"] for row in rows)
-    }
+    return mean_f1(read(track))
 
 
 def table(tracks: Sequence[str], names: Sequence[str]) -> list[str]:

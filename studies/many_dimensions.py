@@ -38,7 +38,7 @@ from sada_gym.foundations.arrays import Floats
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.parameters import Mu
 from studies import stress
-from studies.kept_rows import add_row, read_rows
+from studies.kept_rows import add_row, mean_f1, read_rows
 
 BUDGETS, SAMPLES, DENSE = (250, 500, 1_000, 2_000), 250, 4_000
 FOLDER = Path("docs/results/many-dimensions")
@@ -169,14 +169,10 @@ class Problem:
         }
 
 
-ANALYTIC = tuple(f"{kind}-{d}" for d in (10, 20, 40) for kind in ("corner", "sum", "gust"))
-PROBLEMS = (
-    *ANALYTIC,
-    *(f"cart-pole-{d}" for d in (10, 20, 40)),
-    "quadrotor-20",
-    "robot-20",
-    "go2-20",
-)
+KINDS, DIMENSIONS = ("corner", "sum", "gust", "cart-pole"), (10, 20, 40)
+BY_DIMENSION = {d: [f"{kind}-{d}" for kind in KINDS] for d in DIMENSIONS}
+AGENTS = ["robot-20", "go2-20", "quadrotor-20"]
+PROBLEMS = (*(name for names in BY_DIMENSION.values() for name in names), *AGENTS)
 
 
 def read(problem: str) -> list[dict[str, Any]]:
@@ -184,16 +180,7 @@ def read(problem: str) -> list[dict[str, Any]]:
 
 
 def means(problem: str) -> dict[str, dict[int, float]]:
-    """Return the mean F1 over seeds by adversary and budget."""
-    found: dict[str, dict[int, list[float]]] = {}
-    for row in read(problem):
-        if "f1" in row:
-            of_budget = found.setdefault(row["adversary"], {})
-            of_budget.setdefault(row["budget"], []).append(row["f1"])
-    return {
-        adversary: {budget: float(np.mean(f1s)) for budget, f1s in of_budget.items()}
-        for adversary, of_budget in found.items()
-    }
+    return mean_f1(read(problem))
 
 
 def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None:
@@ -202,7 +189,7 @@ def _in_process(problem: Problem, job: tuple[str, int, int], queue: Any) -> None
         queue.put(problem.run(*job))
 
 
-def measure(name: str, seeds: list[int], adversaries: Sequence[str]) -> None:
+def measure(name: str, seeds: list[int], names: Sequence[str]) -> None:
     """Run what is missing, each in a process of its own, and write each run as it comes."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     problem = Problem(name)
@@ -210,7 +197,7 @@ def measure(name: str, seeds: list[int], adversaries: Sequence[str]) -> None:
     done = {(row["adversary"], row["budget"], row["seed"]) for row in read(name)}
     context = multiprocessing.get_context("fork")
     for seed in seeds:
-        for adversary in FEWER if problem.is_slow else adversaries:
+        for adversary in FEWER if problem.is_slow else names:
             for budget in BUDGETS[1:2] if problem.is_slow else BUDGETS:
                 if (job := (adversary, budget, seed)) in done:
                     continue
@@ -233,9 +220,6 @@ def _cell(rows: list[dict[str, Any]]) -> str:
 
 def tables() -> str:
     """Write a table for each number of dimensions, and one of the agents; seed 0."""
-    groups = [[one for one in ANALYTIC if one.endswith(f"-{d}")] for d in (10, 20, 40)]
-    for group, d in zip(groups, (10, 20, 40), strict=True):
-        group.append(f"cart-pole-{d}")
     lines = ["| adversary | spread on gust-20, by queries |", "| --- | --- |"]
     for adversary in ADVERSARIES:
         spreads = {
@@ -247,7 +231,7 @@ def tables() -> str:
             shown = ", ".join(f"{budget:,}: {spread:.2f}" for budget, spread in spreads.items())
             lines.append(f"| `{adversary}` | {shown} |")
     lines.append("")
-    for problems in (*groups, ["robot-20", "go2-20", "quadrotor-20"]):
+    for problems in (*BY_DIMENSION.values(), AGENTS):
         rows_of = {
             one: [row for row in read(one) if "f1" in row and not row["seed"]] for one in problems
         }

@@ -69,8 +69,7 @@ def main() -> None:
     for mean in of_track.values():
         mean.pop("smc", None)  # on digits alone
     draw("few-queries", of_track, few_queries.BUDGETS, 5)
-    kinds = ("corner", "sum", "gust", "cart-pole")
-    problems = [f"{kind}-{d}" for d in (20, 40) for kind in kinds]
+    problems = [*many_dimensions.BY_DIMENSION[20], *many_dimensions.BY_DIMENSION[40]]
     of_problem = {one: found for one in problems if (found := many_dimensions.means(one))}
     draw("many-dimensions", of_problem, many_dimensions.BUDGETS, 4)
 
