@@ -38,17 +38,22 @@ def named(page: Path, heading: str) -> list[list[str]]:
     return next(table for table in tables(page) if heading in table[0])
 
 
+def write_values(
+    axes: Axes, texts: list[str], values: list[float], gap: float, **look: object
+) -> None:
+    """Write a text beside each value, so many points to its right; value i is at height i."""
+    for place, (text, value) in enumerate(zip(texts, values, strict=True)):
+        offset = {"xytext": (gap, 0), "textcoords": "offset points"}
+        axes.annotate(text, (value, place), va="center", **offset, **look)
+
+
 def bars(
     axes: Axes, labels: list[str], values: list[float], form: str, ink: str = INK, **look: object
 ) -> None:
     """Draw horizontal bars from the top down, each with its value."""
     places = range(len(labels))
     axes.barh(places, values, **look)
-    for place, value in zip(places, values, strict=True):
-        look_of = {"va": "center", "fontsize": 8, "color": ink}
-        axes.annotate(
-            f"{value:{form}}", (value, place), (4, 0), textcoords="offset points", **look_of
-        )
+    write_values(axes, [f"{value:{form}}" for value in values], values, 4, fontsize=8, color=ink)
     axes.set_yticks(places, labels=labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)
 
@@ -223,15 +228,7 @@ def of_speed() -> Figure:
     axes = figure.subplots()
     seconds = [float(row[column].removesuffix(" s")) for row in rows]
     axes.plot(seconds, range(len(rows)), "o", color=UNHURT, ms=8)
-    for place, value in enumerate(seconds):
-        axes.annotate(
-            f"{value:g} s",
-            (value, place),
-            (8, 0),
-            textcoords="offset points",
-            va="center",
-            color=INK,
-        )
+    write_values(axes, [f"{value:g} s" for value in seconds], seconds, 8, color=INK)
     axes.set_yticks(range(len(rows)), labels=[row[0] for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set(xscale="log", xlabel="seconds on one core", xlim=(0.05, 300))
