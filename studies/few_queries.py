@@ -62,8 +62,9 @@ FOLDER = Path("docs/results/few-queries")
 class Track:
     """A track with a reference set, and what is measured of samples on it."""
 
-    def __init__(self, name: str) -> None:
-        self.name, self.evaluator = name, Evaluator(name, workers=1)
+    def __init__(self, name: str, store: str | None = None) -> None:
+        # many runs ask for the same worlds: a store answers them after the first
+        self.name, self.evaluator = name, Evaluator(name, workers=1, store=store)
         application = self.evaluator.application
         reference = load_reference(name, application)
         assert reference is not None, f"{name} has no reference set"
@@ -174,10 +175,16 @@ def read(track: str) -> list[dict[str, Any]]:
     return read_rows(FOLDER / f"{track}.jsonl")
 
 
-def measure(track: str, names: Sequence[str], budgets: Sequence[int], seeds: Sequence[int]) -> None:
+def measure(
+    track: str,
+    names: Sequence[str],
+    budgets: Sequence[int],
+    seeds: Sequence[int],
+    store: str | None = None,
+) -> None:
     """Run what is missing of a track, and write each run as it comes."""
     done = {(row["adversary"], row["budget"], row["seed"]) for row in read(track)}
-    opened = Track(track)
+    opened = Track(track, store)
     for seed in seeds:
         for name in names:
             for budget in budgets:
@@ -249,12 +256,13 @@ def main() -> None:
     parser.add_argument("--adversaries", nargs="+", default=adversaries.names())
     parser.add_argument("--budgets", nargs="+", type=int, default=BUDGETS)
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    parser.add_argument("--store", help="a file that keeps each world's score")
     given = parser.parse_args()
     if given.action == "tables":
         print(tables())
         return
     for track in given.tracks:
-        measure(track, given.adversaries, given.budgets, given.seeds)
+        measure(track, given.adversaries, given.budgets, given.seeds, given.store)
 
 
 if __name__ == "__main__":
