@@ -12,6 +12,7 @@ import numpy as np
 from sada_gym.envs.wrapped.disturbances import ChangedObservations, Env, Generator, Sensor
 from sada_gym.envs.wrapped.events import Passing
 from sada_gym.envs.wrapped.factory import EnvFactory
+from sada_gym.envs.wrapped.profiles import Profile, now
 from sada_gym.envs.wrapped.timed import Occurrence, Timed
 from sada_gym.errors import UserError, check_known
 from sada_gym.foundations.lazy import load
@@ -41,7 +42,10 @@ class _FaultyPictures(Passing, ChangedObservations):
         moving = self.condition.name in _NEW_IN_EACH_PICTURE
         seed = (self._seed, self.time) if moving else (self._seed,)
         developed = load("sada_gym.envs.images.conditions:developed")
-        seen = developed(whole, (self.condition,), (self.value,), seed).image
+        step = self.time - self.when.at if self.is_timed else max(self.time - self.lag, 0)
+        values = self.value if isinstance(self.value, tuple) else (self.value,)
+        values = tuple(now(value, step) for value in values)
+        seen = developed(whole, (self.condition,), (values,), seed).image
         seen = seen[..., :1] if grey else seen
         seen = seen[..., 0] if flat else seen
         return np.moveaxis(seen, -1, 0) if first else seen
@@ -52,14 +56,15 @@ class CameraFault(Timed, Sensor):
     """What a lens, a sensor or the weather does to pictures that the agent sees.
 
     The parameters and ranges are those of the condition of `ImageApplication`; the first one has
-    the fault's name, and `low` and `high` may narrow its range. It needs the extra `images`.
+    the fault's name; `low` and `high` may narrow its range, and `knots` make a curve of it. It
+    needs the extra `images`.
 
     Attributes:
         condition: "defocus", "motion_blur", "exposure", "dead_rows", "occluder" or another name of
             `sada_gym.envs.images.conditions.CONDITIONS`.
     """
 
-    varies: ClassVar[bool] = False
+    varies: ClassVar[bool] = True
     layer: ClassVar[float] = 2.7
     condition: str = "defocus"
 
@@ -70,11 +75,11 @@ class CameraFault(Timed, Sensor):
 
     @property
     def _parameters(self) -> tuple[Parameter, ...]:
-        own: tuple[Parameter, ...] = self._condition.parameters
-        if self.low is None and self.high is None:
-            return own
-        low, high = self._range(self.condition)
-        return (replace(own[0], low=low, high=high), *own[1:])
+        first, *others = self._condition.parameters
+        if self.low is not None or self.high is not None:
+            low, high = self._range(self.condition)
+            first = replace(first, low=low, high=high)
+        return (*[first] * (self.knots or 1), *others)
 
     @property
     def _condition(self) -> Any:
@@ -104,22 +109,32 @@ class CameraFault(Timed, Sensor):
         return (*own, *times)
 
     def _value_names(self, name: str) -> list[str]:
-        return [name, *(f"{name}_{one.name}" for one in self._parameters[1:])]
+        others = self._condition.parameters[1:]
+        return [*self._own_names(name), *(f"{name}_{one.name}" for one in others)]
 
     def named(self, name: str, values: Any) -> dict[str, Any]:
         """Return the values and the steps by the names of their parameters."""
-        own = values.value if isinstance(values, Occurrence) else values
+        first, *others = values.value if isinstance(values, Occurrence) else values
+        own = [*(first.values if isinstance(first, Profile) else [first]), *others]
         times = {f"{name}_{key}": getattr(values, key) for key in self._times}
         return dict(zip(self._value_names(name), own, strict=True)) | times
 
     def world_value(self, numbers: Sequence[float]) -> Any:
         """Return the values of the condition in an episode."""
         split = len(self._parameters)
-        return self._in_time(tuple(map(float, numbers[:split])), numbers[split:])
+        own, first = tuple(map(float, numbers[:split])), self.knots or 1
+        curve = own[0] if self.over is None else Profile(own[:first], self.over, self.curve)
+        return self._in_time((curve, *own[first:]), numbers[split:])
+
+    def value(self, physical: float) -> float:
+        """Return the value itself."""
+        return physical
 
     def places(self, name: str, factory: EnvFactory, env: Env) -> list[float | None]:  # noqa: ARG002
         """Return the values in ordinary pictures."""
-        pairs = zip(self._parameters, self._condition.nominal, strict=True)
+        first, *others = self._condition.nominal
+        nominal = [*[first] * (self.knots or 1), *others]
+        pairs = zip(self._parameters, nominal, strict=True)
         inside = [value if one.low <= value <= one.high else None for one, value in pairs]
         return [*inside, *self._middle_times.values()]
 

@@ -41,8 +41,8 @@ class Passing(EpisodeWrapper):
     """Disturbs some steps of an episode."""
 
     def __init__(self, env: Env, value: Any, rng: Generator) -> None:
-        always = Occurrence(value, 0, np.iinfo(np.int64).max)
-        self.when = value if isinstance(value, Occurrence) else always
+        self.is_timed = isinstance(value, Occurrence)
+        self.when = value if self.is_timed else Occurrence(value, 0, np.iinfo(np.int64).max)
         super().__init__(env, self.when.value, rng)
 
     @property

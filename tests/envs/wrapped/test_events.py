@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from wrapped_toys import balance, cart_pole, pendulum, set_length, swing
 
-from sada_gym import GymnasiumApplication
+from sada_gym import GymnasiumApplication, StressEnv
 from sada_gym.envs.images.conditions import CONDITIONS, developed
 from sada_gym.envs.wrapped import (
     ActuatorFailure,
@@ -359,6 +359,44 @@ def test_a_cameras_lens_is_out_of_focus_for_a_while(form):
     if form == "colour":
         expected = developed(seen[0], (CONDITIONS["defocus"],), ((0.1,),), (0,)).image
         assert np.array_equal(seen[3], expected)
+
+
+def test_a_cameras_fault_may_be_a_curve():
+    exposure = CameraFault(condition="exposure", knots=2)
+    application = camera(light=exposure)
+    assert application.parameters.names == ("light[0]", "light[1]")
+    assert [*application.curves] == ["light"]
+    means = [one.mean() for one in pictures(application, [-1.0, 1.0])]
+    assert means == sorted(means)
+    assert means[0] < 60.0
+    assert means[-1] > 200.0
+    (seen,) = {one.tobytes() for one in pictures(application, [0.0, 0.0])}  # nominal: unchanged
+    assert seen == pictures(camera(light=exposure), application.nominal)[0].tobytes()
+    world = application.parameters.describe([-1.0, 1.0])
+    assert world == {"light[0]": -3.0, "light[1]": 3.0}
+
+
+def test_a_curve_goes_over_the_steps_of_a_cameras_fault():
+    blob = CameraFault(condition="occluder", knots=3, curve="steps", at=1, lasts=3)
+    application = camera(o=blob)
+    names = ("o[0]", "o[1]", "o[2]", "o_occluder_x", "o_occluder_y")
+    assert application.parameters.names == names
+    seen = pictures(application, [-1.0, 0.0, 1.0, 0.0, 0.0])
+    hidden = [int((one != seen[-1]).any(axis=-1).sum()) for one in seen]
+    assert hidden[:2] == [0, 0]
+    assert 0 < hidden[2] < hidden[3]
+    assert hidden[4:] == [0, 0, 0]
+
+
+def test_a_cameras_fault_at_every_step():
+    env = StressEnv(camera(light=CameraFault(condition="exposure")))
+    env.reset(seed=0)
+    dark, *_ = env.step([-1.0])
+    bright, *_ = env.step([1.0])
+    assert dark.mean() < 60.0
+    assert bright.mean() > 200.0
+    with pytest.raises(UserError, match="Expected parameters that may change in each step"):
+        StressEnv(camera(o=CameraFault(condition="occluder")))
 
 
 def test_a_broken_sensor_stays_broken_and_noise_does_not():
