@@ -119,7 +119,7 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "own samples, a quarter": ("studies.acquisitions:Own", NO_HITS),
         "own samples, half": ("studies.acquisitions:OwnHalf", NO_HITS),
         "own samples, last round": ("studies.acquisitions:OwnLast", NO_HITS),
-        "no active queries": ("level-set", {**NO_HITS, "rounds": 0}),
+        "no informative queries": ("level-set", {**NO_HITS, "rounds": 0}),
         "a quarter uniform": ("level-set", {**NO_HITS, "uniform": 0.25}),
         "eight rounds": ("level-set", {**NO_HITS, "rounds": 8}),
         "no uniform share in a round": ("level-set", {**NO_HITS, "explore": 0.0}),

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 DOCS, IMAGES = ROOT / "docs", ROOT / "docs" / "images"
+ADVERSARIES, STUDIES = DOCS / "adversaries", ROOT / "studies"
 MARKS = "osD^v"
 ON_ORANGE = "#111111"  # in the dark, too
 COLOURS = (FOOLED, UNHURT, MUTED, INK, "#009e73")
@@ -254,18 +255,17 @@ def of_pitch() -> Figure:
     return figure
 
 
-def of_designs(page: str) -> Figure:
-    """Draw the criterion of the designs on an appendix, the defaults in colour."""
-    text = (DOCS / "adversaries" / f"{page}.md").read_text("utf-8")
-    default = set(re.findall(r"^\| \*\*(.+?)\*\*", text, re.MULTILINE))
-    heading, *rows = named(DOCS / "adversaries" / f"{page}.md", "criterion")
+def of_designs(page: Path, column: str = "criterion") -> Figure:
+    """Draw the designs' criterion, from the first table with this column; defaults in colour."""
+    default = set(re.findall(r"^\| \*\*(.+?)\*\*", page.read_text("utf-8"), re.MULTILINE))
+    heading, *rows = named(page, column)
     rows = [row for row in rows if row[0] != "ideal samples"]
-    column = heading.index("criterion")
+    criterion = heading.index("criterion")
     figure = new_figure(7.2, 0.6 + 0.21 * len(rows))
     axes = figure.subplots()
     colours = [FOOLED if row[0] in default else UNHURT for row in rows]
     labels = [row[0] for row in rows]
-    bars(axes, labels, [float(row[column]) for row in rows], ".2f", color=colours)
+    bars(axes, labels, [float(row[criterion]) for row in rows], ".2f", color=colours)
     axes.set(xlabel="criterion (1: as good as ideal samples)", xlim=(0, 1))
     tidy(axes)
     return figure
@@ -302,9 +302,9 @@ def main() -> None:
         "results-pitch": of_pitch(),
         "results-speed": of_speed(),
         "comparison": of_tools(),
-        "designs-bbgan": of_designs("appendix-bbgan"),
-        "designs-level-set": of_designs("appendix-level-set"),
-        "designs-rl": of_designs("appendix-reinforcement-learning"),
+        "designs-bbgan": of_designs(ADVERSARIES / "appendix-bbgan.md"),
+        "designs-level-set": of_designs(STUDIES / "level_set_tables.md", "Chair:surveyor"),
+        "designs-rl": of_designs(ADVERSARIES / "appendix-reinforcement-learning.md"),
         "parking": of_parking(),
     }
     for name, figure in drawn.items():
