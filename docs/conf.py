@@ -174,7 +174,9 @@ class Conditions(SphinxDirective):
             "| condition | sets | from, to | source of the range |",
             "| --- | --- | --- | --- |",
         ]
-        for name, condition in CONDITIONS.items():
+        by_set = sorted(CONDITIONS, key=lambda name: [name not in SETS[each] for each in SETS])
+        for name in by_set:
+            condition = CONDITIONS[name]
             sets = ", ".join(f"`{each}`" for each in SETS if name in SETS[each] and each != "all")
             ranges = ", ".join(
                 f"{each.label} {number(each.low)} to {number(each.high)} {each.unit}".strip()

@@ -121,14 +121,14 @@ CONDITIONS: Mapping[str, Condition] = {
             "rotation",
             Parameter("rotation_deg", -20.0, 20.0, "deg"),
             nominal=(0.0,),
-            source="hand-held pictures are seldom turned by more",
+            source="hand-held pictures are seldom rotated by more",
             moves=geometry.turning,
         ),
         _condition(
             "zoom",
             Parameter("zoom", 0.4, 2.0, log=True),
             nominal=(1.0,),
-            source="from two and a half times the distance to half of it",
+            source="as from two and a half times the distance to half of it",
             moves=geometry.zooming,
         ),
         _condition(
@@ -144,7 +144,7 @@ CONDITIONS: Mapping[str, Condition] = {
             Parameter("occluder_x", -1.0, 1.0),
             Parameter("occluder_y", -1.0, 1.0),
             nominal=(0.0, 0.0, 0.0),
-            source="a side of up to 40 % of the image's, as cutout is used (1708.04552)",
+            source="a square up to 0.4 of the longer side, as in Cutout (arXiv 1708.04552)",
             change=optics.occluded,
             covers=optics.occluder,
         ),
@@ -152,15 +152,15 @@ CONDITIONS: Mapping[str, Condition] = {
             "dirt",
             Parameter("dirt", 0.0, 0.4),
             nominal=(0.0,),
-            source="share of the lens, as soiling is graded in WoodScape (1905.01489)",
+            source="share of the lens that is dirty, as in WoodScape (arXiv 1905.01489)",
             change=optics.dirtied,
         ),
         _condition(
             "defocus",
             Parameter("defocus", 0.0, 0.01),
             nominal=(0.0,),
-            source="radius of the blur circle over the longer side: 6 px of 640; ImageNet-C's "
-            "severest is 10 of 224",
+            source="radius of the blur circle as a share of the longer side: 6 px of 640; "
+            "ImageNet-C's severest is 10 of 224",
             change=optics.defocused,
         ),
         _condition(
@@ -168,7 +168,7 @@ CONDITIONS: Mapping[str, Condition] = {
             Parameter("motion_blur", 0.0, 0.03),
             Parameter("motion_deg", 0.0, 180.0, "deg"),
             nominal=(0.0, 0.0),
-            source="way during the exposure over the longer side: 19 px of 640, where ImageNet-C's "
+            source="length of the blur as a share of the longer side: 19 px of 640; ImageNet-C's "
             "severest is 20 of 224",
             change=optics.moved,
         ),
@@ -211,14 +211,14 @@ CONDITIONS: Mapping[str, Condition] = {
             "contrast",
             Parameter("contrast", 0.3, 1.7),
             nominal=(1.0,),
-            source="ImageNet-C's mildest is 0.4, its severest 0.05",
+            source="a little beyond ImageNet-C's mildest, 0.4 (its severest is 0.05)",
             table=optics.contrasted,
         ),
         _condition(
             "resolution",
             Parameter("resolution", 0.15, 1.0, log=True),
             nominal=(1.0,),
-            source="share of the pixels a side; ImageNet-C's severest is 0.25 of 224",
+            source="share of the pixels of each side; ImageNet-C's severest is 0.25 of 224",
             change=optics.coarser,
         ),
         _condition(

@@ -1,13 +1,13 @@
-"""The photographer's prior: where people stand, when they take a picture, what they paint.
+"""The photographer's prior: from where people photograph an object, and which colours it has.
 
-A detector trained on people's photographs knows objects from where people stand. The prior says
-so in numbers; they are common sense, written down before any fooling rate was measured:
+A detector trained on people's photographs knows objects from where people stand. The prior puts
+this into numbers. They are common sense, written down before any fooling rate was measured:
 
 - distance: near enough to fill the frame; 8 + 6.5 Beta(1.3, 2.5) scene units, mean 10.2;
 - azimuth: three-quarter front views (half of all), side (three in ten), front, three-quarter rear;
-- pitch: eye level, N(9, 7) degrees within [0, 30]; nobody flies;
-- light: the sun in the photographer's back, N(0, 55) degrees; high, N(45, 15) within [12, 80];
-- colour: what is sold: white, black, greys and silver (six in ten), then blue, red, brown, green,
+- pitch: eye level, N(9, 7) degrees within [0, 30];
+- light: the sun behind the photographer, N(0, 55) degrees; high, N(45, 15) within [12, 80];
+- colour: as sold: white, black, greys and silver (six in ten), then blue, red, brown, green,
   yellow, of moderate saturation;
 - aim: nearly centred, N(0, 0.1) of half the frame either way.
 """
