@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[1] / "docs"
-KINDS = 7
-"""The first rows of planted weaknesses are their kinds, the others adversaries and dimensions."""
 QUERIES, REACHED = (512, 2_048, 8_192), {1: (15, 63, 78), 8: (12, 48, 95)}
 """What `python examples/sb3_adversary.py` prints: the fooling set reached in %, by horizon."""
 
@@ -38,10 +36,11 @@ def of_repair() -> Figure:
     panels = figure.subplots(1, 3, sharey=True)
     names = ("a lander", "the lidar robot", "the driver")
     for axes, (heading, *rows), name in zip(panels, found, names, strict=True):
-        for column, colour, shift, label in (
-            (heading.index("level-set, %"), FOOLED, -0.18, "a new level-set's worlds"),
-            (heading.index("uniform fooled, %"), UNHURT, 0.18, "uniform worlds"),
+        for label, colour, shift in (
+            ("a new level-set's worlds", FOOLED, -0.18),
+            ("uniform worlds", UNHURT, 0.18),
         ):
+            column = heading.index(f"{label} that fool, %")
             cells = np.array([numbers(row[column]) for row in rows])
             places = np.arange(len(rows)) + shift
             errors = [cells[:, 0] - cells[:, 1], cells[:, 2] - cells[:, 0]]
@@ -60,7 +59,7 @@ def of_repair() -> Figure:
 def of_diagnosis() -> Figure:
     """Draw how many planted weaknesses one rule finds, by their kind and by the method."""
     page = DOCS / "appendix-diagnosis.md"
-    kinds = named(page, "planted")[1 : 1 + KINDS]
+    kinds = named(page, "kind of weakness")[1:]
     methods = named(page, "method")[1:]
     rows = [(row[0], numbers(row[1])) for row in methods]
     rows += [(f"{row[0]} ({row[1]})", numbers(row[2])) for row in kinds]
