@@ -46,7 +46,7 @@ class AdversaryEnv(LockstepEnv[Floats32]):
     ## Starting State
     No proposal yet. The first evaluation after `reset(seed=s)` has the seed s, every other one a
     seed drawn from `np_random`; `info["seed"]` names it. A seed is any int from 0 up. Evaluations
-    have seeds below 2**31, so `reset` folds a larger one: `sada_gym.application.fold_seed`.
+    have seeds below 2**31; `reset` folds a larger one by `sada_gym.foundations.seeds.fold_seed`.
 
     `reset` evaluates nothing, so it has no score to tell and its info is empty. It does not name
     the coming seed either: in a batch that would stand beside the score of the evaluation before.

@@ -51,7 +51,7 @@ class CarlaDrivingApplication(Application):
     """A frozen driver with a camera drives five routes through a town of CARLA.
 
     ## Description
-    The world is the paper's own: CARLA, on a server that you run. The driver gets the image of a
+    The world is the SADA paper's: CARLA, on a server that you run. The driver gets the image of a
     camera at the front of its car, its speed, and at junctions a command that says where to go.
     The adversary mounts the camera and chooses the weather. The score Q is the share of the routes
     on which the car reaches its goal in time. CARLA does not repeat a drive to the bit: each
@@ -96,7 +96,7 @@ class CarlaDrivingApplication(Application):
     - `agent="autopilot"`: CARLA's traffic manager, which needs no camera and tries out a server. Or
       the file of an SB3 zip, a torch module in the convention of conditional imitation learning, an
       SB3 model, a function of an observation or an object with `predict`.
-    - `agent_id=None`: names an in-memory driver in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory driver where scores are stored; by default a hash of its
       weights, where they are known.
     - `host=None`: `HOST:PORT` of the server, or `HOST:PORT,PORT` of several, which workers share.
       None reads `SADA_CARLA_HOST`, and without it takes `localhost:2000`.

@@ -96,7 +96,7 @@ class DetectionApplication(Application):
     - `agent=None`: a shipped detector (`photographer`, the default, or `surveyor`), a fetched one
       (`coco-centernet`, `efficientnet-lite0`), `torchvision:NAME`, a safetensors file, or any model
       with torchvision's calling convention, with `labels={"car": 3}`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of
       CAD files of your own, one folder a class, with `skip_unreadable=False`.

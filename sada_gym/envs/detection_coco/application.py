@@ -44,7 +44,7 @@ class CocoDetectionApplication(DetectionApplication):
 
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` is that of
-    SADA-Detection; the agent is fooled where score <= 0.3, as in the paper.
+    SADA-Detection; the agent is fooled where score <= 0.3, as in the SADA paper.
 
     ## Arguments
     Those of SADA-Detection, with these defaults: `agent` is `coco-centernet`, `shapes` is

@@ -88,7 +88,7 @@ class DigitsApplication(ClassifierApplication):
     - `parameters=("rotation_deg", "scale", "shear", "shift_px", "contrast", "stroke")`.
     - `agent="cnn"`: the shipped classifier, a safetensors file of its architecture, or any torch
       module from (B, 1, height, width) in [0, 1] to (B, K) logits.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `images=None`, `labels=None`: your own, (n, height, width) floats in [0, 1] with background 0,
       and (n,) classes from 0.

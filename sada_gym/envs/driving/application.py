@@ -60,7 +60,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
       as `SADA-Driving-OneCurve-v0`.
     - `agent="cil"`: a shipped driver (`cil`, `cil-augmented`, `ppo`), a file of weights that our
       training script wrote, or an SB3 model trained on `SADA-DrivingTask-v0`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

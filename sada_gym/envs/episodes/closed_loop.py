@@ -40,7 +40,7 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
 
     Args:
         agent: A shipped agent's name, a file of weights, a model, or an `Agent` as it is.
-        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
+        agent_id: Names an in-memory model for stored scores; by default a hash of its weights.
 
     Attributes:
         policy: What chooses the actions: `agent` as an `Agent`.

@@ -68,7 +68,7 @@ class FlightApplication(SimulatorApplication[FlightEpisodes]):
       `SADA-Flight-C310-v0`.
     - `agent="built-in"`: the autopilot, an SB3 model with the spaces of `FlightEpisodes`, or an
       agent of your own with `fingerprint`, `start` and `act`; the autopilot is then off.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

@@ -84,7 +84,7 @@ class Go2Application(SimulatorApplication[Go2Episodes]):
     - `agent="go2-walk"`: the policy that `sada-gym fetch go2-walk` gets, `onnx:FILE` for a policy
       of your own with the same layout, an SB3 model with the spaces of `Go2Episodes`, or an agent
       with `fingerprint`, `start` and `act`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

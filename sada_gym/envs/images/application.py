@@ -104,7 +104,7 @@ class ImageApplication(Application):
         agent_timeout: How many seconds an agent in a separate process may take for its start, and
             for each answer.
         name: The application's name in reports.
-        agent_id: Names the agent in evaluation stores; by default a hash of its weights.
+        agent_id: Names the agent where scores are stored; by default a hash of its weights.
         skip_unreadable: Leave out images that cannot be read, and say how many.
 
     Raises:

@@ -76,7 +76,7 @@ class MetaDriveApplication(SimulatorApplication[DriveEpisodes]):
     - `agent="metadrive-expert"`: MetaDrive's own expert, its rule-based driver `metadrive-idm`, a
       file of weights that our training script wrote, an SB3 model trained on
       `SADA-DrivingMetaDriveTask-v0`, or an agent of your own with `fingerprint`, `start`, `act`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

@@ -54,7 +54,7 @@ class PhotosApplication(ImageApplication):
     ## Arguments
     - `photos="street"`: the photographs; there is one set.
     - `agent="coco-centernet"`: the fetched detector, or what `sada_gym.ImageApplication` takes.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

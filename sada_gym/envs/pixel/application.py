@@ -23,7 +23,7 @@ class PixelApplication(ClassifierApplication):
     """A frozen classifier looks at an image with noise on it.
 
     ## Description
-    The pixel attack of the paper's supplement: mu is the noise on the image, one number a pixel.
+    The pixel attack of the SADA paper's supplement: mu is noise on the image, one number a pixel.
     The score is Q = max(p_y - max over j != y of p_j, 0), with p the classifier's softmax
     probabilities and y the true class. The classifier is fooled where Q = 0: where another class is
     at least as likely as the true one.
@@ -62,7 +62,7 @@ class PixelApplication(ClassifierApplication):
     - `radius=0.15`: the greatest change of a pixel, in (0, 1].
     - `agent="cnn"`: the shipped classifier, a safetensors file of its architecture, or any torch
       module from (B, 1, height, width) in [0, 1] to (B, K) logits.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `images=None`, `labels=None`: your own, (n, height, width) floats in [0, 1], and (n,) classes
       from 0. Then d is height times width.

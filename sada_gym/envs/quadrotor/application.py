@@ -69,7 +69,7 @@ class QuadrotorApplication(SimulatorApplication[QuadrotorEpisodes]):
       as `SADA-Quadrotor-X500-v0`.
     - `agent="raptor"`: the policy in the package `foundation-policy`, an SB3 model with the spaces
       of `QuadrotorEpisodes`, or an agent of your own with `fingerprint`, `start` and `act`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

@@ -58,14 +58,14 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
 
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
-    `fooled` (score <= 0.6, the paper's threshold for self-driving, where Q is a share of trips
+    `fooled` (score <= 0.6, as in the SADA paper's self-driving, where Q is a share of trips,
     too), `seed`, `parameters`, `endings` (for each trip `arrived`, `collided` or `too_late`) and
     `remaining_m` (what was left of each way).
 
     ## Arguments
     - `agent="ppo"`: a shipped robot (`ppo`, `ppo-randomised`), a file of weights that our training
       script wrote, or an SB3 model trained on `SADA-RobotTask-v0`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 

@@ -67,7 +67,7 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
     - `agent="ppo"`: a shipped pilot (`ppo`, `waypoint-pid`), a file of weights that our
       training scripts wrote, a perception network (`WaypointNetwork`), or an SB3 model trained on
       `SADA-RacingTask-v0`.
-    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+    - `agent_id=None`: names an in-memory model where scores are stored; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 
