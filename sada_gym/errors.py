@@ -1,4 +1,4 @@
-"""The errors that this package raises on purpose; any other exception is a bug.
+"""This package raises these errors on purpose. Any other exception is a bug.
 
 The command line shows a `UserError` as one sentence and exits with code 2, a `WorkerError` with
 code 1. The benchmark records an `AdversaryError` as the result of the run that raised it.
@@ -22,7 +22,7 @@ _TURNING = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
 
 
 class UserError(ValueError):
-    """A bad input. The message says what was expected, what came, and how to fix it."""
+    """A bad input. The message says what was expected, what was given, and how to fix it."""
 
 
 class UserTypeError(UserError, TypeError):
@@ -30,7 +30,7 @@ class UserTypeError(UserError, TypeError):
 
 
 class InvalidWorld(UserError):  # noqa: N818 - reads as what happened
-    """A world that its simulator cannot compute; `reason` says why in a line, without its mu."""
+    """A world that its simulator cannot compute; `reason` says why in one line, without the mu."""
 
     def __init__(self, message: str, reason: str = "") -> None:
         super().__init__(message)
@@ -42,11 +42,11 @@ class FileError(UserError):
 
 
 class MissingPart(FileError):  # noqa: N818 - reads as what happened
-    """A file that others made and that is not installed; the message says how to get it."""
+    """A file of another project that is not installed; the message says how to get it."""
 
 
 class StoreError(UserError):
-    """An evaluation store that cannot be used: foreign, corrupt, in use, or another version."""
+    """An evaluation store that cannot be used: no store, corrupt, in use, or another version."""
 
 
 class StoreInUse(StoreError):  # noqa: N818 - reads as what happened
@@ -54,7 +54,7 @@ class StoreInUse(StoreError):  # noqa: N818 - reads as what happened
 
 
 class MissingExtra(UserError, ModuleNotFoundError):  # noqa: N818 - reads as what happened
-    """An optional package that is not installed; the message names the extra that brings it."""
+    """An optional package that is not installed; the message names the extra to install."""
 
 
 def install_line(extra: str) -> str:
@@ -63,7 +63,7 @@ def install_line(extra: str) -> str:
 
 
 class AdversaryError(UserError):
-    """An adversary that cannot do its work with what it was given."""
+    """An adversary that cannot train or sample with these parameters, options or scores."""
 
 
 class BudgetTooSmall(AdversaryError):  # noqa: N818 - reads as what happened
@@ -71,7 +71,7 @@ class BudgetTooSmall(AdversaryError):  # noqa: N818 - reads as what happened
 
 
 class TrainingDiverged(AdversaryError):  # noqa: N818 - reads as what happened
-    """A training whose weights or losses stopped being finite numbers."""
+    """The weights or losses of a training are no longer finite numbers."""
 
 
 class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
@@ -79,7 +79,7 @@ class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
 
 
 class Notice(UserWarning):
-    """What a user should know beside a result; the command line shows it as one sentence."""
+    """A warning about a result; the command line shows it as one sentence."""
 
 
 class SlowWorlds(Notice):
@@ -91,11 +91,11 @@ class WorkerError(RuntimeError):
 
 
 class AgentLost(WorkerError):  # noqa: N818 - reads as what happened
-    """An agent in a separate process that died, stalled or answered nonsense."""
+    """An agent in a separate process died, stalled or gave a malformed answer."""
 
 
 class ServerLost(WorkerError):  # noqa: N818 - reads as what happened
-    """A simulator's server that died or stopped to answer."""
+    """A simulator's server died or stopped answering."""
 
 
 def check_integer(name: str, value: object, minimum: int, maximum: int | None = None) -> None:

@@ -51,9 +51,9 @@ def confirm_failures(
     Args:
         run: A run, or its folder.
         seeds: The number of fresh seeds for each failure; 0 tries none.
-        application: What the run attacked, if it did not record it, see `Run.open`.
+        application: What the run attacked, if the run does not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Returns:
         What failures.json holds; None where no sample fooled.

@@ -45,20 +45,20 @@ def record(
     name: str = "stress testing",
     pictures: bool = True,
 ) -> Run:
-    """Write worlds into a folder as the samples of a run, which all analyses then take.
+    """Write worlds that you found into a folder, as the samples of a run.
 
-    Nothing is learnt, and only worlds that are described or drawn are scored again. `replay`,
-    `report`, `export` and `regress` take the run as one of `attack`. It holds no adversary.
+    `replay`, `report`, `export` and `regress` accept this run like one of `attack`. It holds no
+    adversary. Only the worlds that are described or drawn are evaluated again.
 
     Args:
-        application: What the worlds belong to; of `StressEnv` its `application`.
-        worlds: At least one, with scores and seeds, such as `StressEnv(...).failures`.
-        out: The folder, which must hold no run.
-        name: What reports call the search that found them.
+        application: The application of the worlds; for `StressEnv` its `application`.
+        worlds: At least one world, with score and seed, such as `StressEnv(...).failures`.
+        out: The folder to write; it must hold no run.
+        name: The name of your search in reports.
         pictures: Whether to draw pictures and write report.html.
 
     Raises:
-        UserError: If there is no world, or they do not belong to the application.
+        UserError: If there is no world, or the worlds do not belong to the application.
     """
     if not isinstance(worlds, Evaluations):
         raise UserTypeError(f"Expected worlds as Evaluations, got {worlds!r}.")

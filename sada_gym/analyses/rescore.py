@@ -115,8 +115,8 @@ def rescore(
         samples: Takes the first so many; None takes all.
         seed: Draws other evaluation seeds; None takes those of the samples.
         workers: See `Workers`.
-        application: What the run attacked, if it did not record it, see `Run.open`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        application: What the run attacked, if the run does not record it, see `Run.open`.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: As `transfer` does.
@@ -165,8 +165,8 @@ def transfer(
         seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
             application differ in nothing else.
         workers: See `Workers`.
-        application: What the runs attacked, if they did not record it, see `Run.open`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        application: What the runs attacked, if the runs do not record it, see `Run.open`.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
@@ -207,7 +207,7 @@ def confirm(
         samples: Takes the first so many; None takes all.
         out: Another name for confirmed.json; the arrays lie beside it.
         workers: See `Workers`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: As `transfer` does, or if nothing changes.

@@ -21,10 +21,10 @@ class AdversarySpec(Strict):
     """An adversary and its options.
 
     Attributes:
-        name: Its registered name, `module:Class`, `ideal`, or what its authors call it.
-        options: Its options beside the preset's.
-        resolved: All its options, defaults included: an adversary with other defaults is another
-            one. None before `resolve`.
+        name: Its registered name, `module:Class`, `ideal`, or the name that its authors gave it.
+        preset: The name of its preset, if any.
+        options: Its options, without those of the preset.
+        resolved: All its options, including defaults; None before `resolve`.
     """
 
     name: str
@@ -36,7 +36,7 @@ class AdversarySpec(Strict):
     def of(
         cls, name: str, preset: str | None = None, options: Mapping[str, Any] | None = None
     ) -> Self:
-        """Describe the adversary that a user names; a TypeError if a part is of another type."""
+        """Describe an adversary by its name; raises a TypeError if an argument has another type."""
         if not isinstance(name, str):
             raise UserTypeError(f"Expected an adversary's name, got {name!r}.")
         if preset is not None and not isinstance(preset, str):
@@ -47,16 +47,16 @@ class AdversarySpec(Strict):
 
     @property
     def label(self) -> str:
-        """What reports call it: its name, and the preset if it has one."""
+        """Its name in reports: the name, and the preset if it has one."""
         return self.name if self.preset is None else f"{self.name} ({self.preset})"
 
     @property
     def is_ours(self) -> bool:
-        """Whether the package knows it by this name."""
+        """Whether the package has an adversary of this name."""
         return self.name == IDEAL or self.name in adversaries.names()
 
     def resolve(self, *, kind: type[Adversary] | None = None) -> Self:
-        """Fill in all options, as JSON holds them; a class of a user's own declares no others.
+        """Return a copy with all options filled in, as JSON; your own class (`kind`) has no others.
 
         Raises:
             TypeError, ValueError: If the name or the preset is unknown, or the options cannot be
@@ -76,9 +76,9 @@ class AdversarySpec(Strict):
         ideal_set: Mu | None,
         kind: type[Adversary] | None = None,
     ) -> Adversary:
-        """Make the adversary, untrained, for d parameters; `ideal` draws from `ideal_set`, (R, d).
+        """Make the untrained adversary for d parameters; `ideal` draws from `ideal_set`, (R, d).
 
-        An unknown adversary or option is a TypeError or ValueError.
+        Raises a TypeError or ValueError for an unknown adversary or option.
         """
         taken = sorted({"name", "dimension", "seed"} & set(self.options))
         if taken:

@@ -65,13 +65,13 @@ class RunProgress:
     """How far a run has come.
 
     Attributes:
-        done: The evaluations of this stage that are done; steps while it learns, frames while
-            pictures are drawn.
-        total: The most of these that this stage makes; 0 where it makes none, or their number is
-            not known.
-        cached: The evaluations among `done` that came from the store.
-        evaluated: The evaluations made for training and testing since the run began. What the
-            store knew doesn't count.
+        stage: `train`, `learn`, `sample`, `test`, `measure`, `diagnose`, `confirm` or `pictures`.
+        done: How many evaluations of this stage are done (steps while learning, frames while
+            drawing).
+        total: The largest value that `done` can reach in this stage; 0 if it is not known.
+        cached: How many evaluations of `done` came from the store.
+        evaluated: The evaluations made for training and testing since the run began, without those
+            from the store.
     """
 
     stage: Stage
@@ -111,11 +111,11 @@ class Algorithm1:
     """The paper's Algorithm 1 for one adversary: call `train`, `test` and `measure` in this order.
 
     Args:
-        settings: What the run does.
+        settings: The settings of the run.
         adversary: An untrained adversary that was made for these settings.
-        evaluator: Gives the scores of an application, from its store where that knows them.
-        fooling_set: (R, d) points known to fool, to measure by; None where none are known.
-        ideal_set: (R, d) other such points, which ideal samples are drawn from.
+        evaluator: Scores worlds of the application, or reads their scores from its store.
+        fooling_set: (R, d) points known to fool, for the coverage; None if none are known.
+        ideal_set: (R, d) other such points, from which ideal samples are drawn.
         on_progress: Called at the start of each stage, and after each chunk of evaluations.
     """
 
@@ -164,14 +164,14 @@ class Algorithm1:
 
     @property
     def evaluation_s(self) -> float:
-        """Process seconds of evaluations; those of further worker processes don't count."""
+        """CPU seconds of evaluations in this process, without those of worker processes."""
         return self._train.evaluation_s + self._test.evaluation_s
 
     def train(self) -> None:
-        """Train on the training stream.
+        """Train the adversary on the training stream of evaluation seeds.
 
         Raises:
-            AdversaryError: If the adversary cannot learn from it.
+            AdversaryError: If the adversary cannot learn from the scores.
             UserError: If too many worlds are invalid.
         """
         self._report("train", total=self._protocol.budget)
@@ -186,10 +186,11 @@ class Algorithm1:
     def test(self) -> None:
         """Draw M samples and evaluate them on the test stream, which training never used.
 
-        Those outside the feasible region, if there is one, are replaced by further ones.
+        Samples outside the feasible region, if there is one, are replaced by new ones.
 
-        If the adversary gives anything else than M samples, that is an AdversaryError; too many
-        invalid worlds are a UserError.
+        Raises:
+            AdversaryError: If the adversary does not give M samples.
+            UserError: If too many worlds are invalid.
         """
         count = self._protocol.samples
         self._report("sample")
@@ -210,8 +211,8 @@ class Algorithm1:
     def measure(self, *, explain: bool = False, explore: bool = False) -> RunReport:
         """Measure the test samples and the search.
 
-        With `explain` it also says what matters. With `explore` it also plays worlds around the
-        nominal one, if that is known.
+        With `explain`, also measure the influence of each parameter. With `explore`, also play
+        worlds around the nominal one, if the application declares it.
         """
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries

@@ -24,8 +24,8 @@ _FILE = "fooling-set.safetensors"
 class Ideal(Adversary):
     """Draws uniformly from a fooling set, (m, d) points: what a perfect adversary would do.
 
-    At a point of the fooling set the agent is fooled on at least half of the seeds, not on all: the
-    ideal AFR is below 1. Coverage is measured by other points.
+    At a point of the fooling set the agent is fooled on at least half of the seeds, not on all, so
+    the ideal AFR can be below 1. Coverage is measured with other points.
     """
 
     packages = ()
@@ -45,7 +45,7 @@ class Ideal(Adversary):
         """Learn nothing, because the answer is known."""
 
     def sample(self, n: int) -> Mu:
-        """Draw n mu, (n, d); without replacement, unless there are fewer points than that."""
+        """Draw n mu, (n, d), without replacement unless the set has fewer than n points."""
         points = self._fooling_set
         drawn: Mu = points[self.rng.choice(len(points), n, replace=len(points) < n)]
         return drawn
@@ -58,7 +58,7 @@ class Ideal(Adversary):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read what `save` wrote; it samples as the saved one would have gone on."""
+        """Load what `save` wrote, with the state of the generator."""
         with safe_open(folder / _FILE, framework="numpy") as file:
             points, generator = file.get_tensor("mu"), file.metadata()["generator"]
         ideal = cls(points.shape[1], fooling_set=points)

@@ -26,7 +26,7 @@ class Distances(Strict):
 
 
 class FeasibleRate(Strict):
-    """The AFR over those test samples whose worlds a privileged agent masters; None without any."""
+    """The AFR over test samples whose worlds a privileged agent passes; None if it passes none."""
 
     worlds: int
     fooled: int
@@ -34,10 +34,10 @@ class FeasibleRate(Strict):
 
 
 class ImageNovelty(Strict):
-    """How far the images of a few samples lie from those of queries, root mean square of pixels.
+    """How far the images of a few samples are from those of queries (root mean square of pixels).
 
     Attributes:
-        median: The median distance to the nearest image found.
+        median: The median distance to the nearest image among the queries that were compared.
         median_of_nearest_mu: The median distance to the image of the query that is nearest in mu.
         ideal: The same as `median` for as many ideal samples; None without a reference set.
     """
@@ -49,7 +49,7 @@ class ImageNovelty(Strict):
 
     @property
     def ratio(self) -> float | None:
-        """Divide the median by that of ideal samples."""
+        """The median divided by that of ideal samples."""
         return self.median / self.ideal if self.ideal else None
 
 
@@ -57,17 +57,18 @@ class Measures(Strict):
     """The measures of the test samples.
 
     Attributes:
-        afr: The attack fooling rate over the samples whose world is valid, with its Wilson interval
-            in the next.
-        mean_score: The mean Q of these samples.
-        mu_std: The spread of all samples; 0.577 where they are uniform.
-        density: See `sada_gym.measures.coverage`. It is None without a reference set, and where
-            there are too few samples; so are the next two.
-        coverage: The share of the fooling set that the samples which fool cover.
-        relative_coverage: The coverage over that of the ideal samples of the same seed.
-        novelty: How far the samples lie from the training queries; None without any.
-        image_novelty: How far their images lie apart; None where no images were compared.
-        feasible: The rate over feasible worlds; None where no privileged agent is known.
+        afr: The attack fooling rate, over the samples whose world is valid.
+        afr_interval_95: Its Wilson interval.
+        fooled: How many of these samples fooled.
+        mean_score: Their mean Q.
+        mu_std: The spread of all samples; 0.577 for uniform samples.
+        density: About 1 if the samples that fool are spread like the fooling set. Without a
+            reference set, or with too few samples, this and the next two are None.
+        coverage: The share of the fooling set that is covered by the samples that fool.
+        relative_coverage: The coverage divided by that of ideal samples of the same seed.
+        novelty: How far the samples are from the training queries; None without queries.
+        image_novelty: How far their images are from those of queries; None if none were compared.
+        feasible: The AFR over feasible worlds; None without a privileged agent.
     """
 
     afr: float
@@ -87,7 +88,7 @@ class Search(Strict):
     """What the training queries found.
 
     Attributes:
-        curve: The search by 100, 200, 500, 1,000 and so on queries, and by the last one.
+        curve: What was found after 100, 200, 500, 1,000 and so on queries, and after the last one.
     """
 
     queries: int

@@ -20,12 +20,12 @@ from sada_gym.measures.sensitivity import Influence
 
 
 class Protocol(Strict):
-    """The rules that an adversary plays by.
+    """How many queries and samples an adversary gets.
 
     Attributes:
-        rule: The name of the rule for the budget, see `board.benchmark.suite.Table`; empty for
-            an attack of one's own.
-        budget: The number of training queries that it may spend.
+        rule: The benchmark's name of the rule for the budget, such as `paper-budgets`; empty for
+            a single attack.
+        budget: The number of training queries that the adversary may spend.
         samples: M, the number of test samples.
     """
 
@@ -35,9 +35,9 @@ class Protocol(Strict):
 
 
 class Experiment(Strict):
-    """All that decides a result: with another experiment, it is another result.
+    """Everything that decides a result: the target, the adversary, the protocol and the seed.
 
-    The seed is that of the adversary and of all evaluation seeds; None stands for any seed.
+    `seed` fixes the adversary's random draws and all evaluation seeds; None stands for any seed.
     """
 
     target: Target
@@ -57,15 +57,15 @@ class Experiment(Strict):
 
     @property
     def place(self) -> str:
-        """Name the track, the agent and the rule: `TRACK.AGENT.RULE`, which any file system takes.
+        """The track, the agent and the rule as one name, `TRACK.AGENT.RULE`, valid as a file name.
 
-        An entry has one result in each such place.
+        An entry of the leaderboard has one result for each such name.
         """
         return place_of(self.target.track, self.target.agent, self.protocol.rule)
 
     @property
     def group(self) -> str:
-        """Name the application: an entry keeps all results on its tracks together."""
+        """The application's name; an entry keeps all results on its tracks in one file."""
         return slug(self.target.application.name)
 
 
@@ -101,12 +101,12 @@ class RunKey(Strict):
 
 
 class RunSettings(Strict):
-    """What a run does.
+    """The settings of a run: its experiment, and what else reports and resumed runs need.
 
     Attributes:
-        label: What reports call the adversary.
-        images: The number of samples whose nearest queries are compared as images.
-        packages: Versions of what takes part: a run is not resumed with others.
+        label: The adversary's name in reports.
+        images: The number of samples whose images are compared with those of the nearest queries.
+        packages: Versions of the packages in use. A run cannot be resumed with other versions.
     """
 
     experiment: Experiment
@@ -116,13 +116,13 @@ class RunSettings(Strict):
 
     @property
     def seed(self) -> int:
-        """The seed of the adversary and of all evaluation seeds."""
+        """The seed of the experiment, which is never None here."""
         assert self.experiment.seed is not None
         return self.experiment.seed
 
     @property
     def key(self) -> RunKey:
-        """The name of the run."""
+        """The table, track, agent, label and seed, which together name the run."""
         target = self.experiment.target
         return RunKey(
             table=self.experiment.protocol.rule,
@@ -187,22 +187,22 @@ class BrokenRequirements(Strict):
 class RunReport(Measures):
     """The contents of result.json: the measures of a run, and its settings.
 
-    It holds no wall-clock times: a resumed run's file is the same.
+    It holds no wall-clock times, so that a resumed run writes the same file.
 
     Attributes:
         nearest_fooling_query: Distances from the samples to the nearest training query that fooled
-            the agent; None where none did.
-        seeds: How the seeds follow from the settings' seed.
-        flags: What a reader must know, such as that no training query fooled.
-        invalid: The worlds that broke; None where there are none.
-        uniform: The training queries that were uniform; None where there are none.
-        in_use: How often the agent fails in ordinary use; None where no density is known, or no
-            query tells.
-        nominal: The world in ordinary use, and what makes the agent fail there; None where the
-            application does not know that world.
-        influences: How much of the failure probability's variance each parameter explains, by all
-            queries and samples; none where there are too few worlds, failures or others.
-        requirements: Which of several requirements failed; None where the score is a single one, no
+            the agent; None if none did.
+        search: What the training queries found.
+        seeds: How the seeds follow from the seed of the settings.
+        flags: Warnings, such as that no training query fooled.
+        invalid: The invalid worlds; None if there are none.
+        uniform: The training queries that were uniform; None if there are none.
+        in_use: How often the agent fails in ordinary use; None without a density or uniform worlds.
+        nominal: The nominal world, and what makes the agent fail near it; None if the application
+            declares no nominal world.
+        influences: How much of the failure probability's variance each parameter explains, over all
+            queries and samples; empty if there are too few worlds, failures or passes.
+        requirements: Which of several requirements failed; None if the score is a single one, no
             sample fooled, or scores do not repeat.
     """
 
@@ -220,12 +220,12 @@ class RunReport(Measures):
     where: Any = Field(None, exclude=True)  # of files before the diagnosis alone said it
 
     def measures(self) -> Measures:
-        """Return the measures alone."""
+        """Return only the measures, without settings and search."""
         return Measures(**{name: getattr(self, name) for name in Measures.model_fields})
 
 
 class RunFailure(Strict):
-    """A run of a benchmark whose adversary could not do its work, and its `AdversaryError`."""
+    """A run of a benchmark that ended with an `AdversaryError`, and the error's message."""
 
     settings: RunSettings
     error: str

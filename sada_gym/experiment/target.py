@@ -32,8 +32,8 @@ class ReferenceSummary(Strict):
 
     Attributes:
         points: The number of its points, which are uniform in the box.
-        fooling: How many of them belong to the fooling set.
-        uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
+        fooling: How many points belong to the fooling set.
+        uniform_rate: The share of their evaluations that fooled: the AFR of uniform samples.
     """
 
     sha256: str
@@ -53,7 +53,7 @@ class ReferenceSummary(Strict):
 
     @property
     def usable(self) -> bool:
-        """Whether half of the fooling set has enough points to measure coverage with."""
+        """Whether half of the fooling set is enough points to measure coverage."""
         return self.fooling // 2 > NEAREST
 
 
@@ -61,9 +61,9 @@ class Target(Strict):
     """What is attacked: a track's application with one agent.
 
     Attributes:
-        track: The environment's id, or a name for an application that has none.
-        agent: The agent's name; empty where the application has none.
-        fooling_threshold: The agent is fooled where Q <= this.
+        track: The environment's id, or a name for an application without an id.
+        agent: The agent's name; empty if the application has none.
+        fooling_threshold: The agent is fooled if Q <= this.
     """
 
     track: str
@@ -76,9 +76,9 @@ class Target(Strict):
     def of(
         cls, application: Application, track: str = "", *, reference: Reference | None = None
     ) -> Self:
-        """Describe an application by its track, empty where it has none, and its reference set.
+        """Describe an application by its track (empty if it has none) and its reference set.
 
-        An agent that nothing identifies is a StoreError.
+        Raises a StoreError if nothing identifies the agent.
         """
         return cls(
             track=track or f"{application.name}-v{application.version}",
@@ -98,7 +98,7 @@ class Target(Strict):
         """Open the application again, and check that it is the same.
 
         Args:
-            environment: The id, the TOML file or the application itself; None takes the track.
+            environment: The id, the TOML file or the application; None takes the track's id.
             workers: See `Workers`.
 
         Raises:
@@ -109,7 +109,7 @@ class Target(Strict):
         return self.opened(Evaluator(environment, workers=workers))
 
     def opened(self, evaluator: Evaluator) -> OpenTarget:
-        """Take an evaluator of the same application; a UserError if it is of another one."""
+        """Use an open evaluator of the same application; raises a UserError for another one."""
         try:
             application = evaluator.application
             if application is None:
@@ -132,7 +132,7 @@ class Target(Strict):
         return OpenTarget(self, evaluator)
 
     def env_kwargs(self) -> dict[str, Any]:
-        """Find the keywords that its id was attacked with; a UserError if it cannot be opened."""
+        """Return the keywords given with the id; raises a UserError if it cannot be opened."""
         with closing(_open(self.track, {}, self.agent)) as evaluator:
             return self._keywords(evaluator)
 

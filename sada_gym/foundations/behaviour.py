@@ -55,10 +55,10 @@ class Behaviours(Strict):
 
     Attributes:
         worlds: The number of worlds that were played again.
-        part: See `Behaviour`.
-        failed: The number of parts that failed; the number of worlds where each is one part.
-        events: The most frequent one first.
-        differences: How these worlds differ from others, in which the agent passed.
+        part: What a part of a world is called, such as `drive`; `world` if it has only one.
+        failed: The number of parts that failed.
+        events: What went wrong, the most frequent event first.
+        differences: How these worlds differ from worlds in which the agent passed.
     """
 
     worlds: int
@@ -69,7 +69,7 @@ class Behaviours(Strict):
 
     @classmethod
     def of(cls, failures: Sequence[Behaviour], passes: Sequence[Behaviour] = ()) -> Self | None:
-        """Count what the agent did in failures; None where there are none, or nothing is told."""
+        """Count what the agent did in failures; None if there are no events and no differences."""
         counts = Counter(shown(event) for failure in failures for event in failure.events)
         told = differences(failures, passes)
         if not counts and not told:
@@ -85,7 +85,7 @@ class Behaviours(Strict):
 
     @property
     def sentence(self) -> str:
-        """Sum it up, such as `seen as bus in 7 of 10 worlds, nothing seen in 3`."""
+        """A summary, such as `seen as bus in 7 of 10 worlds, nothing seen in 3`."""
         named, others = self.events[:MOST_NAMED], self.events[MOST_NAMED:]
         counted = [f"{event.text} in {event.count}" for event in named]
         if counted:

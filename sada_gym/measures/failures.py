@@ -24,9 +24,9 @@ class Failure(Strict):
         sample: Its row in samples.npz.
         parameters: Its physical values by name.
         group: The number of its distinct failure, from 1.
-        fooled_seeds: With how many fresh seeds it fooled again, out of `valid_seeds` with which the
-            world is valid; None where it was not tried again.
-        behaviour: What the agent did; None where it was not played again.
+        fooled_seeds: With how many fresh seeds it fooled again, out of the `valid_seeds` with which
+            the world is valid; None if it was not tried again.
+        behaviour: What the agent did; None if it was not played again.
     """
 
     sample: int
@@ -46,14 +46,14 @@ class Failure(Strict):
 
 
 class FailureGroup(Strict):
-    """A distinct failure: samples of one weakness that no wide gap parts.
+    """A distinct failure: failing samples of one weakness, without wide gaps between them.
 
     Attributes:
         failures: The number of samples in it.
-        representative: The sample in its middle.
-        where: What its worlds share, in words.
-        weakness: The number of its weakness in the diagnosis, from 1; 0 where the samples lie in
-            none of these, and None where there is no diagnosis.
+        representative: The row of the sample in its middle.
+        where: What its worlds have in common, in words.
+        weakness: The number of its weakness in the diagnosis, from 1; 0 for samples in no weakness,
+            None without a diagnosis.
     """
 
     failures: int
@@ -78,12 +78,13 @@ class Failures(Strict):
         fooled: How many of the valid samples fooled.
         seeds: The number of fresh seeds on which each failure was tried again; 0 for none.
         confirmed: How many of the failures that were tried again fooled on most of their fresh
-            seeds; None without such seeds.
-        confirmed_afr: The same over all samples up to the last of these failures.
-        behaviours: What the agent did in some of them; None where nothing is told.
+            seeds; None without fresh seeds.
+        confirmed_afr: The AFR if only confirmed failures count, over all samples up to the last
+            failure that was tried.
+        behaviours: What the agent did in some failures; None if the application does not say.
         groups: The distinct failures, the largest first; those in no weakness come last.
-        failures: The failures, the surest first, then those with the lowest score. Of very many
-            only the first samples are here, and count above.
+        failures: The failures: first those that fooled on most fresh seeds, then those with the
+            lowest score. If there are very many, only the first samples are listed.
     """
 
     version: Literal[1] = 1
@@ -102,7 +103,7 @@ class Failures(Strict):
 
     @property
     def again(self) -> str:
-        """How many of the failures fail again on fresh seeds, in words."""
+        """How many failures fail again on fresh seeds, in words."""
         if self.confirmed is None or self.confirmed_afr is None:
             return "failures not yet tried on fresh seeds"
         count, tried = self.confirmed.fooled, self.confirmed.samples
@@ -117,7 +118,7 @@ class Failures(Strict):
 
 
 def read_failures(run: str | Path) -> Failures | None:
-    """Read the failures of a run; None where its folder has no such file.
+    """Read the failures of a run; None if its folder has no failures.json.
 
     Raises:
         FileError: If the file is damaged, or of another version.

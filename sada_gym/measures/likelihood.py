@@ -18,7 +18,7 @@ _ALL_HELD, _OFTEN = 0.995, 0.05
 
 
 class RiskShare(Strict):
-    """How much of the probability lies in a weakness of the diagnosis; number 0: outside all."""
+    """How much of the probability lies in a weakness of the diagnosis; number 0 is outside all."""
 
     number: int
     text: OneLine
@@ -63,25 +63,25 @@ class FailureEstimate(Strict):
     Attributes:
         probability: The estimate.
         interval: Its 95 % interval.
-        queries: The evaluations that it took, beside those of a run.
-        method: How it was found.
-        refused: Why the estimate must not be trusted; None where nothing speaks against it.
+        queries: The evaluations of this call, without the queries of a run.
+        method: The method of the estimate, in words.
+        refused: Why the estimate must not be trusted; None if nothing speaks against it.
         held: The share of ordinary use that lies in the ranges; the rest is left out.
-        drawn: The last, fresh, valid draws that the estimate counts; `failures` of them failed.
-        failures: How many of these failed.
+        drawn: The number of valid fresh draws in the estimate.
+        failures: How many of the draws failed.
         plain: How many of the draws come from ordinary use, not from where failures are expected.
         plain_failures: How many plain draws failed.
-        effective: As certain as this many failures among plain draws would make the estimate.
-        unseen: With 95 % confidence a region of failures in which no query and no plain draw lay
-            has at most this probability.
-        shares: How much of the probability lies in each weakness of the run's diagnosis, the most
-            first; none without one.
+        effective: The estimate is as certain as plain draws with this many failures would make it.
+        unseen: A region of failures that all queries and plain draws missed has at most this
+            probability, with 95 % confidence.
+        shares: How much of the probability lies in each weakness of the run's diagnosis, the
+            largest first; empty without a diagnosis.
         density: The density of ordinary use.
-        seed: Fixes the draws.
+        seed: The seed of all draws.
         to_halve: About how many more queries halve the interval.
-        beside: Another agent in the same worlds, where that was asked for.
-        per: The number of uses that the count of failures refers to.
-        unit: What an episode is, where an episode is a use.
+        beside: The comparison with another agent, if one was given.
+        per: The summary says how many of this many episodes fail.
+        unit: What the summary calls an episode, such as `flights`.
     """
 
     probability: float

@@ -67,37 +67,37 @@ def estimate(
     unit: str | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> FailureEstimate:
-    """Estimate with which probability the agent fails in ordinary use, over worlds and seeds.
+    """Estimate the probability that the agent fails in ordinary use, over worlds and seeds.
 
-    Nearly half of the budget learns where the agent fails; the queries of a run help, for free.
-    The rest is fresh: plain draws of ordinary use, and as many where failures are
-    expected. The estimate is unbiased wherever the agent fails. Its interval relies on one thing:
+    Nearly half of the budget is spent to learn where the agent fails; the queries of a run help.
+    The rest is spent on fresh worlds: half are drawn from ordinary use (plain draws), half where
+    failures are expected. The estimate is unbiased wherever the agent fails. Its interval assumes
     that no region of failures escaped all queries, see `FailureEstimate.unseen`.
 
-    A run's folder gets `estimate.json`, and its figures as `in_use` in `result.json`. It keeps the
-    scores, so that a stopped call continues where it was; for an application or an id, `store`
-    keeps them. The result depends on the seed alone.
+    For a run, its folder gets `estimate.json`, and `result.json` the probability as `in_use`. The
+    folder also keeps the scores, so that a stopped call continues where it was. For an application
+    or an id, give a `store` for that. The result depends only on the seed, not on the workers.
 
     Args:
         run_or_application: A run or its folder, an application, an id, or a TOML file.
         budget: The number of fresh evaluations; with fewer than 300 all of them are plain draws.
-        seed: Fixes the draws.
-        density: How likely worlds are in ordinary use. None takes the application's own, see
-            `nominal=`; or densities of parameters by name, as `nominal=` takes them, the others
-            being uniform; or a joint density of all parameters' physical values, such as
-            `scipy.stats.multivariate_normal(mean, covariance)`, by its `rvs` and `logpdf`; or
-            logged worlds, (n, d) physical values or the path of a CSV file. A
-            run's folder then gets `density.png`.
-        env_kwargs: Keywords of an id.
-        application: What the run attacked, if it did not record it, see `Run.open`.
+        seed: The seed of all draws.
+        density: How likely worlds are in ordinary use: densities of parameters by name, as
+            `nominal=` of a binding takes them (the other parameters are uniform); a joint density
+            of all physical values that has `rvs` and `logpdf`, such as
+            `scipy.stats.multivariate_normal(mean, covariance)`; or logged worlds, as (n, d)
+            physical values or the path of a CSV file (a run's folder then gets `density.png`).
+            By default it is the application's own.
+        env_kwargs: Keywords of the environment, if an id is given.
+        application: What the run attacked, if the run does not record it, see `Run.open`.
         workers: See `Workers`.
-        store: A file that keeps the scores; None takes that of a run, and else none.
-        beside: Another agent, which is evaluated in the same worlds with the same seeds, so that
-            there are twice as many evaluations: its name or file, with an id or a run of one; or a
-            run, its folder, an application or a TOML file that holds it.
-        per: The number of episodes that the count of failures refers to.
-        unit: What an episode is, such as `flights`, where an episode is a use.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        store: A file that keeps the scores. By default those of a run are kept in its folder.
+        beside: Another agent. It is evaluated in the same worlds with the same seeds, which doubles
+            the evaluations. Give its name or file (only if the first argument is an id or a run of
+            an id), or a run, a run's folder, an application or a TOML file.
+        per: The printed result also says how many of this many episodes fail.
+        unit: What it then calls an episode, such as `flights`.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: If an argument is bad, no density is known, or too many worlds are invalid.

@@ -59,7 +59,7 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """A suite, and where it lies."""
+    """The suite that was written, and the path of its file."""
 
     path: Path
     suite: Suite
@@ -87,22 +87,22 @@ def export(
 ) -> Exported:
     """Write the failures of finished runs as a regression suite, or in another format.
 
-    It groups the failures among the samples and the training queries by the weaknesses of the runs'
-    diagnoses; without any, by wide gaps. From each group it tries at most `MOST_IN_GROUP`, far
-    apart, on `confirm` fresh seeds, and keeps those that fail on most. Each gets a control: the
-    nearest world that passes on most of its fresh seeds. `ORDINARY_WORLDS` of ordinary use are
-    added, whatever the agent does there. The fresh scores are kept in the first run's
+    It groups the failures among samples and training queries by the weaknesses in the runs'
+    diagnoses or, without a diagnosis, into clusters. From each group it tries at most 40 failures
+    that lie far apart on `confirm` fresh seeds, and keeps those that fail on most of them. Each
+    gets a control: the nearest world that passes on most of its fresh seeds. 100 worlds of ordinary
+    use are added, whatever the agent does there. The fresh scores are kept in the first run's
     folder, so that a stopped call continues where it was.
 
     Args:
         runs: Runs of one track and agent, or their folders.
-        out: The file; of a suite it ends in .json, or is the folder for its `suite.json`.
-        confirm: The number of fresh seeds; 0 takes the run's own seed instead.
-        form: `suite`; `cases`, a record a test case, as JSON or, where `out` ends in .csv, as CSV;
-            `sarif`, the failures as code hosts show them.
-        application: What the runs attacked, if they did not record it, see `Run.open`.
+        out: The file to write. For a suite it ends in .json, or is the folder for `suite.json`.
+        confirm: The number of fresh seeds; with 0 the failures are not tried again.
+        form: `suite`; `cases`, one record for each test case, as JSON or (if `out` ends in .csv)
+            as CSV; `sarif`, the failures in the format that code hosts show.
+        application: What the runs attacked, if the runs do not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: If an argument is bad, a run is not finished or cannot be opened as it was, the

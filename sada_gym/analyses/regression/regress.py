@@ -146,7 +146,7 @@ def regress(
         budget: The number of evaluations for that, see `estimate`.
         workers: See `Workers`.
         store: Keeps the scores, so that a stopped call continues where it was.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: If an argument is bad, the suite cannot be read, an agent does not fit, or the

@@ -34,7 +34,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**31)]
 
 
 class Ranged(Strict):
-    """A parameter of the logical scenario: its physical range, as `sada_gym.Parameter` has it."""
+    """A parameter of the logical scenario, with the fields of `sada_gym.Parameter`."""
 
     name: OneLine
     low: float
@@ -47,11 +47,11 @@ class Ranged(Strict):
 
     @classmethod
     def of(cls, parameter: Parameter) -> Self:
-        """Describe a parameter."""
+        """Make the record of a parameter."""
         return cls(**{name: getattr(parameter, name) for name in cls.model_fields})
 
     def parameter(self) -> Parameter:
-        """Return the parameter; a UserError for a range that no parameter can have."""
+        """Return the parameter; raises a UserError if no parameter can have this range."""
         return Parameter(**dict(self))
 
 
@@ -63,17 +63,17 @@ class File(Strict):
 
 
 class Item(Strict):
-    """What a suite was exported from, and how it is opened again.
+    """The application and agent that a suite was exported from, and how to open them again.
 
     Attributes:
-        opened_by: The `id` of the track, the text of a `toml` file, or `python`, where only the
-            program that made the application can make it again.
+        opened_by: `id` (by the track's id), `toml` (by the text of the TOML file), or `python`
+            (only the program that made the application can make it again).
         target: The track, the agent, the application's key and the fooling threshold.
-        env_kwargs: Keywords of the track's id.
+        env_kwargs: The keywords given with the track's id.
         toml: The text of the TOML file that describes the application; None for an id.
-        folder: Where that file lay, relative to the suite: paths in it start there.
-        agent_file: The agent's file; None where the agent has a name.
-        packages: Versions of what took part.
+        folder: The folder of that file, relative to the suite. Paths in the file start there.
+        agent_file: The agent's file; None if the agent has a name.
+        packages: Versions of the packages in use.
     """
 
     opened_by: Literal["id", "toml", "python"]
@@ -86,17 +86,17 @@ class Item(Strict):
 
 
 class Case(Strict):
-    """One world: a concrete scenario, and how the agent is expected to do there.
+    """One world: a concrete scenario, and the result that is expected of the agent there.
 
     Attributes:
-        objective: `failure`: the agent failed here; `control`: it passed in a world like that;
-            `ordinary`: the world was drawn as it is in ordinary use, whatever the agent did there.
-        group: The number of the distinct failure that the world belongs to, from 1; that of an
-            ordinary world is the one after the last.
+        objective: `failure`: the agent failed here; `control`: it passed in this similar world;
+            `ordinary`: the world was drawn from ordinary use, whatever the agent did there.
+        group: The number of its distinct failure, from 1. Ordinary worlds have one more than these.
+        concrete_scenario: The physical values of the parameters by name.
         mu: The normalised parameters, (d,), exact as float32.
-        seeds: The evaluation seeds, at least one, fresh ones where failures were confirmed.
-        expected_result: What the exporting agent got; edit it where another result is wanted.
-        fooled_seeds: For how many of the seeds it was fooled then.
+        seeds: The evaluation seeds, at least one; fresh ones if failures were confirmed.
+        expected_result: `pass` or `fail`: the result when exported. Edit it to expect another one.
+        fooled_seeds: On how many of the seeds the agent was fooled then.
     """
 
     id: OneLine
@@ -114,12 +114,14 @@ class Suite(Strict):
 
     Attributes:
         sources: The runs that its worlds come from.
+        test_item: The application and agent that it was exported from.
         logical_scenario: The ranges of the parameters.
         pass_criterion: When a world counts as passed, in words.
-        groups: What the worlds of each distinct failure share, in words.
-        unconfirmed: How many failures were left out, because they did not repeat on fresh seeds.
-        unlucky_controls: How many controls were left out, because they failed on fresh seeds.
-        ordinary_cases: Worlds of ordinary use: the density's, or even ones without a density.
+        groups: What the worlds of each distinct failure have in common, in words.
+        unconfirmed: How many failures were left out because they did not repeat on fresh seeds.
+        unlucky_controls: How many controls were left out because they failed on fresh seeds.
+        test_cases: The failures and their controls.
+        ordinary_cases: Worlds drawn from the density of ordinary use; uniform without a density.
     """
 
     format: Literal["sada-gym regression suite"] = "sada-gym regression suite"
@@ -164,7 +166,7 @@ class Suite(Strict):
 
     @property
     def parameters(self) -> ParameterSpace:
-        """The parameters that mu is normalised by."""
+        """The parameters, which convert mu to physical values."""
         return ParameterSpace(*(ranged.parameter() for ranged in self.logical_scenario))
 
     @property
@@ -204,10 +206,10 @@ def write_suite(path: Path, suite: Suite) -> None:
 
 
 def read_suite(given: str | Path) -> tuple[Path, Suite]:
-    """Read a suite's file, and return its path and content.
+    """Read a suite's file or folder, and return the file's path and the suite.
 
     Raises:
-        FileError: If it is missing, truncated, of a later version, or edited into nonsense.
+        FileError: If the file is missing, truncated, of a later version, or contradicts itself.
     """
     path = suite_path(given)
     content = read_file(path, MAX_JSON_BYTES)

@@ -69,43 +69,43 @@ class Seen(NamedTuple):
 
 
 class ImageApplication(Application):
-    """A frozen classifier or detector looks at images under conditions of camera and weather.
+    """A frozen classifier or detector on images under camera and weather conditions.
 
-    A world is a set of conditions, which mu sets, and `batch` images, which the seed draws, with
-    all that is random in them. Rotation, zoom and distortion move the objects with the image.
-    Objects of which less than half is left in the picture do not count.
+    In a world, mu sets the conditions, and the seed draws `batch` images and all that is random in
+    the conditions. Rotation, zoom and distortion move the objects with the image. Objects of which
+    less than half remains in the picture do not count.
 
     Args:
         images: A folder, a list of files, or arrays (height, width, 3) uint8.
-        agent: A file of ONNX or TorchScript, `torchvision:NAME`, the name of a fetched agent, a
-            torch module, or a function with torchvision's convention. An agent in a process of its
-            own is an address, `"tcp://127.0.0.1:7788"`, or a command, a list of texts.
+        agent: An ONNX or TorchScript file, `torchvision:NAME`, the name of a fetched agent, a torch
+            module, or a function with torchvision's convention. For an agent in a separate process:
+            its address, `"tcp://127.0.0.1:7788"`, or a command as a list of texts.
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
-            classes, if all lie in such. Without labels, what the model says about the untouched
-            images is the truth: then a failure is a changed answer.
-        conditions: `common`, `camera`, `weather`, `all`; a list of names and of conditions of your
-            own; or a dictionary from a name to True or to a narrower range of its first parameter.
-        task: `classify` or `detect`, if neither the labels nor the agent tell it.
+            classes, if all images lie in such folders; otherwise the model's own answers on the
+            untouched images count as true, and a failure is a changed answer.
+        conditions: `common`, `camera`, `weather`, `all`; a list of names and your own conditions;
+            or a dictionary from a name to True, or to a narrower range of its first parameter.
+        task: `classify` or `detect`, if it does not follow from the labels or the agent.
         classes: The names of the labels' classes, from 0.
         only: The names of the classes that count; None takes all.
         score: `right`, the share of images classified correctly, or of objects found; `confidence`,
-            a classifier's mean probability of the right class; `f1`, which counts a detector's
-            false alarms too.
-        fooling_threshold: The agent is fooled where the score is at most this. By default it lies
-            halfway between the score on the untouched images and chance.
-        batch: The images of a world.
+            a classifier's mean probability of the right class; `f1`, which also counts a detector's
+            false alarms.
+        fooling_threshold: The agent is fooled if the score is at most this. The default is halfway
+            between the score on the untouched images and chance.
+        batch: The number of images in a world.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        confidence: From which score on a detection counts.
-        iou: How much a detection must overlap an object to have found it.
-        input_size: The sides in px that a classifier gets; None leaves images as they are.
-        imagenet: Whether a classifier takes ImageNet's mean and spread for zero and one.
+        confidence: Detections with a lower score do not count.
+        iou: A detection finds an object if they overlap at least this much.
+        input_size: The side in px to which images are resized for a classifier; None keeps theirs.
+        imagenet: Whether to normalise a classifier's input by ImageNet's mean and deviation.
         device: Where a torch module computes: `cpu` or `cuda`.
-        agent_timeout: How many seconds an agent in a separate process may take for its start, and
-            for each answer.
+        agent_timeout: How many seconds an agent in a separate process may take to start, and for
+            each answer.
         name: The application's name in reports.
         agent_id: Names the agent where scores are stored; by default a hash of its weights.
-        skip_unreadable: Leave out images that cannot be read, and say how many.
+        skip_unreadable: Skip images that cannot be read, with a warning that counts them.
 
     Raises:
         UserError: If there are no images, one cannot be read, labels and model do not fit, or the

@@ -25,22 +25,22 @@ from sada_gym.parameters import Parameter
 
 @dataclass(frozen=True)
 class Condition:
-    """One thing that a scene, the weather or a camera does to images.
+    """One effect of the scene, the weather or the camera on images.
 
-    Exactly one of `table`, `change` and `moves` is given.
+    Give exactly one of `table`, `change` and `moves`. They are functions of the parameters' values.
 
     Attributes:
-        name: What it is called.
-        parameters: What the adversary sets.
-        nominal: Their values in ordinary images. At the first of them the condition does nothing.
-        source: Where its model and its range come from.
-        table: Returns what becomes of each value of a channel, (256, 3) uint8, by the values.
-        change: Changes an image, (height, width, 3) uint8, by the values and a generator; all that
-            is random must come from it.
-        moves: Returns where the points of an image go, and where they come from, by the values:
-            see `sada_gym.envs.images.geometry`. Objects are moved with the image.
-        covers: Returns a box x0 y0 x1 y1 in px that hides what lies behind it, by the values, an
-            image's width and height.
+        name: The condition's name.
+        parameters: The parameters that the adversary sets.
+        nominal: Their values in ordinary images. With the first one the condition does nothing.
+        source: The source of its model and its ranges.
+        table: `table(*values)` returns the new value of each value of a channel, (256, 3) uint8.
+        change: `change(image, values, rng)` returns a changed image, (height, width, 3) uint8. All
+            random numbers must come from `rng`.
+        moves: `moves(*values)` returns two functions of points: where they go, and where they come
+            from, see `sada_gym.envs.images.geometry`. Objects move with the image.
+        covers: `covers(*values, width, height)`, only beside `change`, returns a box x0 y0 x1 y1 in
+            px that hides what is behind it.
     """
 
     name: str

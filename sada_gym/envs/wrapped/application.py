@@ -75,92 +75,89 @@ _REGION_DRAWN, _REGION_FOUND = 10_000, 10
 
 
 class GymnasiumApplication(EpisodePictures):
-    """A frozen agent acts in a Gymnasium environment whose physics, sensors and actuators mu sets.
+    """A frozen agent in a Gymnasium environment. mu sets its physics, sensors and actuators.
 
     Every episode has a fresh environment, whose seed follows from the evaluation's seed, so that
-    the score is the same in any batch, order and process. The environment must draw its randomness
-    from its own `np_random`, and the agent must answer the same whenever it is asked.
+    the score is the same in any batch, order and process. The environment must draw all random
+    numbers from its own `np_random`, and the agent must give the same answer when asked again.
 
     Args:
         environment: An environment's id, `module:id`, or a function that makes one. A function gets
-            `env_kwargs` and the parameters that are keywords, and `render_mode` where it takes it.
-            An environment with packages of its own is an address, `"tcp://127.0.0.1:7789"`, or a
+            `env_kwargs`, the parameters that are keywords, and `render_mode` if it takes that.
+            For an environment with its own packages: an address, `"tcp://127.0.0.1:7789"`, or a
             command, `["other/bin/python", "serve_environment.py", "CartPole-v1"]`.
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. For
-            one in a separate process: its address, `"tcp://127.0.0.1:7788"`, or the command that
-            starts it, `["python", "serve.py"]`. A function gets one observation at a time. It must
-            not remember, because many episodes run at once; for an agent that remembers, pass a
+            an agent in a separate process: its address, `"tcp://127.0.0.1:7788"`, or the command
+            that starts it, `["python", "serve.py"]`. A function gets one observation at a time. It
+            must have no memory, because many episodes run at once. For an agent with memory, pass a
             class or function that makes one (its only argument may be `seed`), or an object with
-            `reset`, which each episode copies. An argument `env` gets the environment:
-            `predict(observation, deterministic=True, env=env)`. `"built-in"`: the environment
-            acts by itself and gets the action nearest to zero. Box actions are clipped.
-        parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
-            (low, high) is a keyword of the environment's constructor of that name, else an
-            attribute of `env.unwrapped`.
-        score: `("return", low, high)`, which clips; `"success"`, `info["is_success"]` or
-            `info["success"]`; `("success", key)`; `("length", maximum)`; or a function
-            of an `Episode` that returns a number in [0, 1]. A high score is good for the agent.
-            Several requirements are a dictionary of such scores by name. An episode fails if it
-            fails at least one of them: the score is then the least margin.
-        fooling_threshold: The agent is fooled where the score is at most this. For several
+            `reset`, which each episode copies. If the function or `predict` has an argument `env`,
+            it gets the environment. `"built-in"`: the environment acts by itself, and gets the
+            action nearest to zero. Box actions are clipped.
+        parameters: The parameters by name, each as (low, high) or as a binding of
+            `sada_gym.envs.wrapped`. (low, high) sets the keyword of that name of the environment's
+            constructor, if there is one, otherwise the attribute of `env.unwrapped`.
+        score: `("return", low, high)`, scaled from low = 0 to high = 1 and clipped; `"success"`,
+            for `info["is_success"]` or `info["success"]`; `("success", key)`; `("length",
+            maximum)`; or a function of an `Episode` that returns a number in [0, 1], 1 being best.
+            For several requirements, a dictionary of such scores by name. An episode fails if it
+            fails at least one of them: the score is then the smallest margin.
+        fooling_threshold: The agent is fooled if the score is at most this. For several
             requirements, one number for all, or one for each by name.
-        episodes: The episodes whose mean score counts.
+        episodes: The number of episodes in an evaluation; their mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        max_steps: The limit of steps of an episode; None keeps the environment's own. `"own"` says
-            that it ends its episodes by itself, although no `TimeLimit` shows it; a world that goes
-            on for 100,000 steps breaks.
+        max_steps: The limit of steps of an episode; None keeps the environment's own. Use `"own"`
+            if the environment ends its episodes by itself without a `TimeLimit`; a world that
+            reaches 100,000 steps then breaks.
         env_kwargs: The keywords that every environment gets.
-        name: The application's name in reports; None takes the environment's.
-        agent_id: Names the agent in evaluation stores, together with all functions of your own;
-            change it whenever you change one of them. SB3 models have a hash of their weights.
-        allow_pickle: Whether files may be unpickled, which can run code: do it only with your own.
+        name: The application's name in reports; by default the environment's.
+        agent_id: Names the agent in evaluation stores, together with all your functions: change it
+            whenever you change one of them. SB3 models are identified by a hash of their weights.
+        allow_pickle: Whether files may be unpickled. This can run code: allow only your own files.
         vec_normalize: The `VecNormalize` that the agent was trained with, or its file, a pickle. A
-            model that holds its training environment needs none. False says that there was none,
-            although a file of one lies beside the agent's.
+            model that holds its training environment needs none. False: the agent was trained
+            without one, although such a file lies beside it.
         deterministic: Whether the agent takes its best action. With False it draws its actions, one
-            observation at a time, and all that it draws follows from the evaluation's seed.
-        on_error: What becomes of a world that breaks: its environment raises, gives NaN as a reward
-            or in an observation, takes longer than `timeout`, or ends its worker process. Such a
-            world is `invalid` by default, which is no failure of the agent: its score is
-            1, and an attack counts it apart. `fooled` counts it as a failure of the
-            agent, with score 0, and `raise` raises. NaN in observations is normal where the
-            environment's first observation holds it, too.
+            observation at a time, and its random numbers follow from the evaluation's seed.
+        on_error: What happens to a world that breaks: its environment raises, gives NaN as a reward
+            or in an observation, takes longer than `timeout`, or ends its worker process. By
+            default, such a world is `invalid`: it is not a failure of the agent, its score is 1,
+            and attacks count it separately. `fooled` counts it as a failure of the agent with
+            score 0, and `raise` raises the error. NaN in observations is accepted if the
+            environment's first observation holds NaN, too.
         valid: A function of the unwrapped environment after an episode. It returns whether the
-            simulator computed the world, or what was wrong; False, and a text that is not empty,
-            make the world break. By default MuJoCo's warnings, masses and inertias are looked at:
-            `sada_gym.envs.wrapped.mujoco_fault`.
+            simulator computed the world, or a text that says what was wrong. The world breaks if it
+            returns False or a text that is not empty. The default checks MuJoCo's warnings, masses
+            and inertias: `sada_gym.envs.wrapped.mujoco_fault`.
         feasible: Which worlds can exist: an expression such as `"mass * gravity < 30"`, a function
-            of the parameters' values by name, or a list of them, which must all hold. Other worlds
-            are never computed, and no sample is drawn there; an adversary that asks sees an invalid
-            world. The region must hold at least a thousandth of the box.
-        derived: Attributes of `env.unwrapped` that follow from others, and how, such as
-            `{"total_mass": "masspole + masscart"}`: by paths and expressions like those of
-            `feasible`, whose names are attributes or parameters. They are computed in every
-            episode once the parameters are set, before `reset` and after it. A warning says where
-            one is missing: where a constructor computed an attribute from one that a parameter
-            sets, it keeps its old value.
-        timeout: Seconds that the environment may take for an episode. A worker process is stopped
-            in a call that takes longer, so use `workers=2` or more; a single process cannot
-            interrupt a call.
+            of the parameters' values by name, or a list of these, which must all hold. Other worlds
+            are never computed, and no sample is drawn there; an adversary that queries one gets an
+            invalid world. The region must hold at least a thousandth of the box.
+        derived: Attributes of `env.unwrapped` that are computed from others, by expressions like
+            those of `feasible`: `{"total_mass": "masspole + masscart"}`. Names are paths of
+            attributes, or parameters. They are computed in every episode after the parameters are
+            set, before `reset` and after it. You need this if the constructor computes an attribute
+            from one that a parameter sets: it would keep its old value. A warning names such ones.
+        timeout: Seconds that the environment may take for an episode. A worker process that takes
+            longer is stopped, so use `workers=2` or more: a single process cannot interrupt a call.
         agent_timeout: How many seconds an agent or an environment in a separate process may take
-            to start, and to answer.
+            to start, and for each answer.
         privileged: A second agent, of the same kinds as `agent`, such as a controller that knows
-            the physics or an older checkpoint. Where it fails as well, a failure may not be the
-            agent's own: attacks tell such worlds apart. `vec_normalize`, `deterministic` and
-            `agent_id` hold for it, too.
-        num_envs: The most environments that are alive in a process at once, where an engine allows
-            only so many: one is closed before the next is made. Scores stay the same, and worker
-            processes have one each. None plays many worlds at once.
-        reuse: Whether an environment is reset for the next episode instead of made again, which
-            saves costly constructors. No parameter may be a keyword of the constructor. Before the
-            first score counts, three worlds must go the same way in new environments and in one
-            that was reset.
-        requirement: With several requirements, the only one that counts as a failure, and whose
-            margin adversaries see; None takes the worst in each episode.
+            the physics or an older checkpoint. If it fails as well, the failure may not be the
+            agent's fault: attacks report such worlds separately. `vec_normalize`, `deterministic`
+            and `agent_id` apply to it, too.
+        num_envs: How many environments may be alive in one process at once, for engines that limit
+            this: one is closed before the next is made. Scores stay the same, and each worker
+            process may have this many. None plays many worlds at once.
+        reuse: Whether to reset an environment for the next episode instead of making a new one,
+            which saves slow constructors. No parameter may be a keyword of the constructor. Before
+            the first score, three worlds must go the same way in new and in reset environments.
+        requirement: One of several requirements: only this one counts as a failure, and adversaries
+            see its margin. None takes the worst in each episode.
 
     Raises:
-        UserError: If the environment, the agent, a parameter or the score is not as described.
+        UserError: If the environment, the agent, a parameter or the score is not as described here.
 
     Example:
         >>> application = GymnasiumApplication(

@@ -22,12 +22,12 @@ class Episode:
 
     Attributes:
         rewards: (T,) float64.
-        observations: What the environment gave, at the reset and after each step: T + 1. Noise,
-            delay and dropout are not in it.
-        actions: What the environment got: T.
-        infos: What the environment said, at the reset and after each step: T + 1.
+        observations: The environment's observations at the reset and after each step, T + 1 of
+            them, without the noise, delay and dropout of bindings.
+        actions: The actions that the environment got, T of them.
+        infos: The environment's infos at the reset and after each step, T + 1 of them.
         terminated: Whether the environment ended the episode.
-        truncated: Whether a limit of time ended the episode.
+        truncated: Whether a limit of steps ended the episode.
         probed: What each of the score's `probes` returned, T + 1 values by its `id`.
     """
 

@@ -31,7 +31,7 @@ _WIDEST = 5.0
 
 
 class StressEnv(gym.Env[Any, Floats32]):
-    """An adversary that disturbs an agent in each step of an episode.
+    """An environment for an adversary that disturbs the agent in each step of an episode.
 
     ## Description
     A step is one step of the agent. The action says how strong each disturbance is in it. The
