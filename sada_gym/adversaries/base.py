@@ -22,7 +22,7 @@ MAX_DIMENSIONS = 1_000
 
 
 class Query(Protocol):
-    """An oracle is all that an adversary sees of the application (`sada_gym.oracle.Oracle`)."""
+    """What an adversary needs of an oracle: the type of `Adversary.train`'s argument."""
 
     @property
     def remaining(self) -> int:
@@ -36,7 +36,7 @@ class Query(Protocol):
 
     @property
     def permits(self) -> Permits:
-        """Says which worlds of mu, (n, d), can exist at all, (n,)."""
+        """A function of mu, (n, d), that says which worlds can exist at all, (n,)."""
         ...
 
     def __call__(self, mu: npt.ArrayLike) -> Floats:
@@ -47,18 +47,17 @@ class Query(Protocol):
 class Adversary(ABC):
     """Learns, from a budget of queries, to sample mu that fool the agent.
 
-    The dimension d is the number of semantic parameters. The seed fixes all randomness of training
-    and sampling; None draws one. The options are fields of `options_class`; those not given are the
-    preset's.
+    The dimension d is the number of semantic parameters. The seed fixes all randomness; None draws
+    one. `options` are fields of `options_class`; the preset sets those that are not given.
 
     Attributes:
-        presets: Named sets of options, `default` among them; none where there is one set.
-        packages: The packages that its samples depend on, by their names on PyPI, beside NumPy and
-            SciPy. A run records their versions. Where a class does not declare them, a run
-            records the versions of all packages that any of ours needs.
-        flags: What a reader of the result must know, such as that no point fooled; set by `train`.
-        on_step: A function on_step(done, total) that `train` calls after each step of a training
-            that takes long; a run sets it, to show progress.
+        presets: Named sets of options, one of them `default`; empty if the class has no presets.
+        packages: The packages that its samples depend on, by their names on PyPI, except NumPy and
+            SciPy. A run records their versions. If a class does not declare them, a run records
+            the versions of all packages that any shipped adversary needs.
+        flags: Warnings for a reader of the result, such as that no point fooled; set by `train`.
+        on_step: A function on_step(done, total) that a long training calls after each step; a run
+            sets it to show progress.
         uniform_queries: Whether all training queries are uniform in the box, so that their fooling
             rate is that of uniform worlds.
 
@@ -94,11 +93,11 @@ class Adversary(ABC):
         self.flags: list[str] = []
 
     def extra_queries(self, queries: int) -> int:  # noqa: ARG002 - subclasses use it
-        """Say how many queries the paper adds to a budget of `queries`, as it does for boosting."""
+        """Return how many queries the paper allows beyond the budget (only for boosting)."""
         return 0
 
     def uniform_part(self, queries: int) -> int:
-        """Say how many of so many training queries are uniform in the box: the first ones."""
+        """Return how many of the training queries are uniform; these are the first ones."""
         return queries if self.uniform_queries else 0
 
     @abstractmethod
@@ -106,9 +105,9 @@ class Adversary(ABC):
         """Spend the oracle's remaining budget to learn the fooling distribution."""
 
     def start(self, budget: int, *, threshold: float, permits: Permits = all_can_exist) -> None:
-        """Begin a training by `ask` and `tell`, which learns what `train` does to the last bit.
+        """Begin a training by `ask` and `tell`. It learns the same as `train`, bit for bit.
 
-        For loops and simulator farms that the caller owns::
+        Use it where your own loop or simulator farm evaluates the queries::
 
             adversary.start(budget=1_000, threshold=0.3)
             while len(mu := adversary.ask(32)):
@@ -118,7 +117,7 @@ class Adversary(ABC):
         Args:
             budget: The number of queries.
             threshold: The agent is fooled where Q <= this.
-            permits: Says which worlds of mu, (n, d), can exist at all, (n,).
+            permits: A function of mu, (n, d), that says which worlds can exist at all, (n,).
         """
         check_integer("budget", budget, 0)
         if self._dialogue is not None:
@@ -126,19 +125,19 @@ class Adversary(ABC):
         self._dialogue = Dialogue(self.train, self.dimension, budget, threshold, permits)
 
     def ask(self, n: int) -> Mu:
-        """Return up to n queries to score, (m, d) float32; none where the training is over.
+        """Return up to n queries to score, (m, d) float32; none when the training is over.
 
         Raises:
-            UserError: If nothing was started, or the scores of earlier queries are needed first.
+            UserError: If no training was started, or the scores of earlier queries are missing.
         """
         check_integer("n", n, 1)
         return self._started.ask(n)
 
     def tell(self, mu: npt.ArrayLike, q: npt.ArrayLike) -> None:
-        """Take the scores q, (m,), of queries mu, (m, d), as `ask` returned them, in any order.
+        """Give the scores q, (m,), of the queries mu, (m, d), that `ask` returned, in any order.
 
         Raises:
-            UserError: If a query was not asked for, or a score is no finite number.
+            UserError: If `ask` did not return one of the queries, or a score is not finite.
         """
         self._started.tell(mu, q)
 
@@ -164,4 +163,4 @@ class Adversary(ABC):
     @classmethod
     @abstractmethod
     def load(cls, folder: Path) -> Self:
-        """Read an adversary that `save` wrote; it samples as the saved one would continue."""
+        """Read an adversary that `save` wrote. Its samples go on where the saved one stopped."""

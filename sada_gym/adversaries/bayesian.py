@@ -26,13 +26,13 @@ class BayesianOptions(Options):
     """The options of `bayesian`.
 
     Attributes:
-        initial: Uniform points that the search starts from, at most the budget. None takes 10 d
+        initial: The number of uniform points at the start, at most the budget. None takes 10 d
             (Jones, Schonlau & Welch 1998), but at most a quarter of the budget.
-        last: Number of evaluations at the end that S is selected from.
-        induced_size: s, the most points of S; 0 for all that fool.
-        components: Sizes of mixtures to try.
-        candidates: Number of points that each step chooses from, a power of two.
-        batch: Number of points evaluated at once, for parallel workers; see `minimise`.
+        last: S is selected from this many of the last evaluations.
+        induced_size: s, the largest size of S; 0 for all points that fool.
+        components: The sizes of mixtures to try.
+        candidates: The number of points that each step chooses from, a power of two.
+        batch: The number of points evaluated at once, for parallel workers.
     """
 
     initial: int | None = option(None, 1, 10**9, kind=int)
@@ -56,8 +56,8 @@ class Bayesian(MixtureAdversary):
     """Minimises Q by expected improvement, and fits a Gaussian mixture to the lowest late points.
 
     This is the Bayesian baseline of the paper (section "Baselines"), with the oracle's budget as
-    the number of steps. Of mixtures of several sizes we take the one of the best cross-validated
-    likelihood, without a test sample. Draws outside the box are drawn again. See `BayesianOptions`.
+    the number of steps. Of mixtures of several sizes it takes the one with the best cross-validated
+    likelihood. Draws outside the box are drawn again. See `BayesianOptions`.
     """
 
     name: ClassVar[str] = "bayesian"

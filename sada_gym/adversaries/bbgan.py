@@ -29,14 +29,14 @@ class BBGAN(FittedAdversary):
     """A GAN that learns the fooling distribution from the points of a uniform pool that fool.
 
     It is the adversary of Hamdi, Mueller & Ghanem 2020. All of the budget goes into Omega. The
-    `paper` preset is the authors' own setting. The `default` preset departs from it where it loses
-    whole fooling regions. See `BBGANOptions`.
+    `paper` preset has the authors' own settings, with which whole fooling regions can be lost. The
+    `default` preset prevents that. See `BBGANOptions`.
 
-    `log_dir` is a folder for a TensorBoard log of the training. It is not saved: loading writes no
-    log. The other arguments are those of `Adversary`.
+    `log_dir` is a folder for a TensorBoard log of the training. `save` does not keep it: a loaded
+    adversary writes no log. The other arguments are those of `Adversary`.
 
     Raises:
-        ModuleNotFoundError: If there is a `log_dir`, but no tensorboard.
+        ModuleNotFoundError: If `log_dir` is given, but tensorboard is not installed.
     """
 
     name: ClassVar[str] = "bbgan"
@@ -128,13 +128,13 @@ class BBGAN(FittedAdversary):
 
 @dataclass(frozen=True)
 class BoostOptions(BBGANOptions):
-    """The options of `bbgan`, and of its boosting.
+    """The options of `bbgan-boost`, in addition to those of `BBGANOptions`.
 
     Attributes:
-        stages: K, the number of times that samples of the last GAN join Omega.
-        share: How many join each time, as a share of N, the uniform points at the start.
-        copies: The number of copies of each sample in Omega: 5 copies of 0.1 N are the paper's
-            beta N at beta = 0.5; 1 keeps points unique.
+        stages: K, the number of times that samples of the last GAN are added to Omega.
+        share: How many are added each time, as a share of N, the number of uniform points.
+        copies: How many copies of each sample are added. (The paper's beta N with beta = 0.5 are 5
+            copies of 0.1 N samples.) With 1, points are unique.
     """
 
     stages: int = option(2, 0, 100)
@@ -143,11 +143,11 @@ class BoostOptions(BBGANOptions):
 
 
 class BoostedBBGAN(BBGAN):
-    """BBGANs in stages, each trained afresh on all points so far, the last one's samples too.
+    """Trains BBGAN in stages, each anew on all points, including samples of the stage before.
 
     All of the budget is spent: N uniform points, and K stages of about share * N samples.
-    Samples that failed to fool join the rest of Omega: a region has to confirm itself. The
-    arguments are those of `BBGAN`, the options those of `BoostOptions`.
+    Samples that did not fool also join Omega, so a wrong region is corrected. The arguments are
+    those of `BBGAN`, the options those of `BoostOptions`.
     """
 
     name: ClassVar[str] = "bbgan-boost"
@@ -160,7 +160,7 @@ class BoostedBBGAN(BBGAN):
     options: BoostOptions
 
     def extra_queries(self, queries: int) -> int:
-        """Count the samples of all stages, which the paper adds to its uniform points."""
+        """Return the samples of all stages, which the paper adds to its uniform points."""
         return self.options.stages * round(queries * self.options.share)
 
     def _train(self, oracle: Query) -> Evaluations:

@@ -10,32 +10,36 @@ from sada_gym.adversaries.options import Options, option
 
 @dataclass(frozen=True)
 class BBGANOptions(Options):
-    """The options of `bbgan`. The defaults are ours; `PAPER` is the paper's setting.
+    """The options of `bbgan`. The defaults are ours; the `paper` preset has the paper's settings.
 
     Attributes:
-        latent: Dimensions of z.
-        generator, discriminator: Widths of the hidden layers.
-        transport: Whether the generator moves uniform points or maps z alone. A generator that
+        latent: The number of dimensions of the latent vector z.
+        generator: The widths of the generator's hidden layers.
+        discriminator: The widths of the discriminator's hidden layers.
+        transport: Whether the generator moves uniform points or maps only z. A generator that
             moves uniform points starts as the uniform distribution, which covers every region.
-        fold: Whether outputs are folded back at the box's faces, which they reach as often as any
-            other place, instead of squashed by tanh, which hardly ever reaches them.
-        features: Random Fourier features of mu that both networks see; 0 for mu alone.
-        frequency: The scale of the features times d. Small networks blur narrow regions without
-            such features.
-        initial_sd: Standard deviation of truncated normal weights; 0 for PyTorch's own scale.
-        batch: Samples of each kind in an update.
-        discriminator_updates, generator_updates: Updates in each training step.
-        learning_rate, beta1, beta2: The learning rate of Adam, the decay rates of its moments.
+        fold: Whether outputs are folded back at the box's faces, which they then reach as often as
+            other places. Otherwise tanh squashes them, and they hardly ever reach the faces.
+        features: The number of random Fourier features of mu for both networks; 0 for only mu.
+        frequency: The scale of these features, times d. Without them small networks blur regions.
+        initial_sd: The standard deviation of the initial weights; 0 for PyTorch's own scale.
+        steps: The number of training steps.
+        batch: The number of samples of each kind in an update.
+        discriminator_updates: The discriminator's updates in each training step.
+        generator_updates: The generator's updates in each training step.
+        learning_rate: The learning rate of Adam.
+        beta1: The decay rate of Adam's first moment.
+        beta2: The decay rate of Adam's second moment.
         decay: Whether the learning rate falls linearly to 0 over the second half.
         dropout: The dropout of the discriminator, which keeps it from memorising a noisy Omega.
-        induced_size: s, the most points of the induced set; 0 for all that fool.
+        induced_size: s, the largest size of the induced set S; 0 for all points that fool.
         rest: The weight of the points of Omega that do not fool, as further fakes. It is at most
-            the ratio of their number to that of S; 0 leaves them out.
-        tether: The price of moving a uniform point, per squared distance. It keeps points that
-            start in a fooling region there, so that no region is lost. It needs `transport`.
-        average: Decay of the running average of both networks' weights; 0 for the last weights.
-        acceptance: The share of samples that the discriminator may refuse: a sample is kept with
-            probability min(1, r / r_a), r its odds of being real, r_a their quantile at this share.
+            their number divided by that of S; 0 leaves them out.
+        tether: The cost of moving a uniform point, per squared distance. It keeps points in the
+            fooling region where they start, so that no region is lost. It needs `transport`.
+        average: The decay of the running average of both networks' weights; 0 for no average.
+        acceptance: The share of samples that the discriminator may refuse: a sample with the odds
+            r of being real is kept with probability min(1, r / their quantile at this share).
     """
 
     latent: int = option(8, 1, 1_024)

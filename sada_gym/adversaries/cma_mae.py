@@ -32,8 +32,8 @@ class CMAMAEOptions(Options):
 
     Attributes:
         uniform_share: The share of the budget that is uniform.
-        cells: Cells of the archive; few cells get many queries each.
-        emitters: Number of evolution strategies.
+        cells: The number of cells of the archive; the fewer, the more queries each gets.
+        emitters: The number of evolution strategies.
         learning_rate: The rate at which thresholds rise: 0 optimises, 1 explores as CMA-ME does.
         sigma: The standard deviation that the strategies start with.
     """
@@ -48,12 +48,12 @@ class CMAMAEOptions(Options):
 class CMAMAE(FittedAdversary):
     """Evolution strategies that fill an archive of cells all over the box with low scores.
 
-    CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing"), whose
-    measure is mu itself: the cells are the Voronoi cells of a Halton sequence. All evaluated points
-    count, as implicit repetitions of their cell (as in Deep-Grid, Flageat & Cully 2020): a sample
-    picks a cell in proportion to the square of its fooling rate, one of its points that fooled, and
+    This is CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing") with
+    mu itself as the measure: the cells are the Voronoi cells of a Halton sequence. To draw a sample
+    it picks a cell in proportion to the square of its fooling rate, counted over all of its points
+    (as in Deep-Grid, Flageat & Cully 2020), and one of its points that fooled. From there it takes
     a Gaussian step, on average half as long as the way to the nearest other fooling point. Training
-    raises `ModuleNotFoundError` where ribs is not installed. See `CMAMAEOptions`.
+    raises `ModuleNotFoundError` if ribs is not installed. See `CMAMAEOptions`.
     """
 
     name: ClassVar[str] = "cma-mae"

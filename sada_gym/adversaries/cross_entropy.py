@@ -27,8 +27,8 @@ class CrossEntropyOptions(Options):
     """The options of `cross-entropy`.
 
     Attributes:
-        uniform_share: The first stage's share of the budget.
-        stages: Number of later stages.
+        uniform_share: The share of the budget that the first, uniform stage spends.
+        stages: The number of later stages.
         elite: The quantile of the scores that sets the level.
         components: The most components of a mixture; powers of two up to it are tried.
         defensive: The share of uniform points in the later stages.
@@ -46,13 +46,13 @@ _Stage = tuple[int, Mixture | None, float]
 
 
 class CrossEntropy(FittedAdversary):
-    """Mixtures fitted in stages to the points that fool, each drawing the next stage's points.
+    """Fits mixtures in stages to the points that fool; each draws the next stage's points.
 
-    The cross-entropy method (Rubinstein & Kroese 2004) for the target density 1{Q <= epsilon}, with
-    mixtures as proposals (Kurtz & Song 2013; Geyer, Papaioannou & Straub 2019). A point weighs the
-    uniform density over the density of all stages' proposals together (balance heuristic, Veach &
-    Guibas 1995). Where Q is random, every evaluation counts once, so the mixture aims at the
-    density proportional to the probability p(mu) to fool. Samples are thinned by an estimate of p
+    This is the cross-entropy method (Rubinstein & Kroese 2004) for the target density
+    1{Q <= epsilon}, with mixtures as proposals (Kurtz & Song 2013; Geyer, Papaioannou & Straub
+    2019). The weight of a point is the uniform density divided by the density of all proposals
+    together (balance heuristic, Veach & Guibas 1995). If Q is random, the mixture's target is
+    proportional to the probability p(mu) to fool. Samples are thinned by an estimate of p
     (discriminant analysis by mixtures, Hastie & Tibshirani 1996). See `CrossEntropyOptions`.
     """
 

@@ -52,12 +52,12 @@ class _Record(Strict):
 class FittedAdversary(Adversary):
     """An adversary that evaluates points, fits a model to them, and draws from the model.
 
-    A subclass implements `fit` and `draw`, and `query` where its queries are not all uniform.
-    Saving needs nothing more: loading fits again, to the same points and from the same state of
-    the generator. Where that takes long, a subclass saves the model: `arrays` and `restore`.
+    A subclass implements `fit` and `draw`, and also `query` if not all of its queries are uniform.
+    Saving needs no code: loading fits again, to the same points and from the same state of the
+    generator. If fitting is slow, implement `arrays` and `restore` to save the model itself.
 
-    Arguments are those of `Adversary`. `queries` are all points evaluated in training, at its
-    `threshold`; no sample repeats one.
+    The arguments are those of `Adversary`. `queries` are all points evaluated in training, and
+    `threshold` is the oracle's. No sample repeats a query.
     """
 
     queries: Evaluations
@@ -68,23 +68,23 @@ class FittedAdversary(Adversary):
     _before_fit: Mapping[str, Any]
 
     def query(self, oracle: Query) -> Evaluations:
-        """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
+        """Spend the oracle's budget; return all evaluated points. By default all are uniform."""
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
     def fit(self, queries: Evaluations) -> None:
-        """Learn from all points evaluated; `threshold` is known."""
+        """Learn from all evaluated points; `self.threshold` is set."""
 
     @abstractmethod
     def draw(self, n: int) -> AnyFloats:
-        """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
+        """Draw about n candidates, at least one, from the learnt model: (m, d) in [-1, 1]."""
 
     def arrays(self) -> Arrays:
-        """Return what was learnt as arrays, which are saved. Here there is nothing to save."""
+        """Return the learnt model as arrays to save. By default nothing is saved."""
         return {}
 
     def restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
-        """Restore what `arrays` gave; `queries` is known. Here it fits again."""
+        """Restore the model from `arrays`; `self.queries` is set. By default it calls `fit`."""
         self.fit(self.queries)
 
     def _propose(self, n: int, noise: float) -> AnyFloats:
@@ -125,7 +125,7 @@ class FittedAdversary(Adversary):
 
         Raises:
             RuntimeError: If it was neither trained nor loaded.
-            ValueError: If n different ones cannot be drawn.
+            ValueError: If n different mu cannot be drawn.
         """
         self._check_trained("sample")
         return self._fresh(n)
@@ -162,7 +162,7 @@ class FittedAdversary(Adversary):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read an adversary that `save` wrote; it samples as the saved one would continue.
+        """Read an adversary that `save` wrote. Its samples go on where the saved one stopped.
 
         Raises:
             ValueError: If the folder holds no such adversary, or a number in it is not finite.

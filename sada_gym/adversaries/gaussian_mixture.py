@@ -14,7 +14,7 @@ from sada_gym.foundations.arrays import Floats
 
 @dataclass(frozen=True)
 class GaussianOptions(Options):
-    """The options of `gaussian`, `gmm10`, `gmm50`: s, the most points of S; 0 for all that fool."""
+    """The options of `gaussian`, `gmm10`, `gmm50`: the largest size of S; 0 for all that fool."""
 
     induced_size: int = option(100, 0, 10**9)
 
@@ -35,7 +35,7 @@ class Gaussian(MixtureAdversary):
 
     All of the budget goes into Omega (Hamdi, Mueller, Ghanem 2020, "Baselines", Gaussian Mixture
     Model). Samples are truncated to the box; the authors' code clips them. The paper does not say
-    how covariances are regularised; `fit_mixture` says how ours are. See `GaussianOptions`.
+    how covariances are regularised; `fit_mixture` says how it is done here. See `GaussianOptions`.
     """
 
     name: ClassVar[str] = "gaussian"
@@ -53,14 +53,14 @@ class Gaussian(MixtureAdversary):
 
 
 class GMM10(Gaussian):
-    """Like `gaussian`, but a mixture of a tenth as many Gaussians as the induced set has points."""
+    """Like `gaussian`, but a mixture with one Gaussian for every 10 points of the induced set."""
 
     name: ClassVar[str] = "gmm10"
     components_share: ClassVar[float] = 0.1
 
 
 class GMM50(Gaussian):
-    """Like `gaussian`, but a mixture of half as many Gaussians as the induced set has points."""
+    """Like `gaussian`, but a mixture with one Gaussian for every 2 points of the induced set."""
 
     name: ClassVar[str] = "gmm50"
     components_share: ClassVar[float] = 0.5

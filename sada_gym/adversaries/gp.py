@@ -22,10 +22,10 @@ CONSTANT = "all scores of Omega are equal: samples are uniform"
 class GP(Selection):
     """A Gaussian process regression of the score; samples are random mu of the lowest mean.
 
-    Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines": an exponential
-    kernel. One length-scale a dimension, signal and noise maximise the marginal likelihood on a
-    random subset of Omega; the process is then exact on all of it. See `Selection` for how samples
-    are chosen, and for the options.
+    A baseline of Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines", with an
+    exponential kernel. The length-scales, signal and noise maximise the marginal likelihood on a
+    random subset of Omega; then the exact process is fitted to all of it. See `Selection` for how
+    samples are chosen, and `SelectionOptions` for the options.
     """
 
     name: ClassVar[str] = "gp"

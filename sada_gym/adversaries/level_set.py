@@ -44,17 +44,17 @@ class LevelSetOptions(Options):
     """The options of `level-set`.
 
     Attributes:
-        uniform: The share of the budget that is uniform from the start.
+        uniform: The share of the budget that the first, uniform part spends.
         rounds: The number of rounds that spend the rest.
         explore: The share of each round that is uniform.
-        coverage: The share of the coverage that a higher level has to keep; 1.0 never raises it.
-        volume: The least volume of the sampled set, as a share of the volume predicted to fool.
-        trial: The share of the budget that tries mu close to hits; as much tries the level set. 0
-            never samples beside hits.
+        coverage: A higher level must keep this share of the coverage; 1.0 never raises the level.
+        volume: The smallest volume of the level set, as a share of the volume predicted to fool.
+        trial: The share of the budget that tries mu near hits; an equal share tries the level set.
+            With 0, samples are never drawn near hits.
         width: The standard deviation of a step from a hit, in each parameter.
-        keep: The least chance to fool again of a hit that samples lie beside.
-        beside: The share of the samples beside hits, where they pay.
-        models: The models that the surrogate stacks: `trees`, `process`.
+        keep: Samples are drawn near a hit only if its probability to fool again is at least this.
+        beside: The share of samples that are drawn near hits, if the trial was in favour of hits.
+        models: The models that the surrogate combines: `trees`, and `process` (a Gaussian process).
     """
 
     uniform: float = option(0.4, 0.05, 1)
@@ -72,22 +72,22 @@ class LevelSetOptions(Options):
 class LevelSet(FittedAdversary):
     """Learns the probability p of fooling from all queries; samples evenly where it is high.
 
-    A first part of the budget is uniform. Each later round fits a `Surrogate` and asks about random
-    mu with probability in proportion to p (1 - p), highest at the boundary of the fooling set
-    (compare Bryan et al. 2005, "Active learning for identifying function threshold boundaries").
-    Samples are uniform over {p >= level}, by rejection from the box, or by a Metropolis walk within
-    the set where it is rare. The level is 1/2, raised as far as the predicted coverage (Naeem et
-    al. 2020) allows, but never so high that the set has less than `volume` of the volume that is
-    predicted to fool.
+    The first part of the budget is uniform. Each later round fits a `Surrogate` and queries random
+    mu, which it chooses in proportion to p (1 - p): this is highest at the boundary of the fooling
+    set (compare Bryan et al. 2005, "Active learning for identifying function threshold
+    boundaries"). Samples are uniform over {p >= level}, by rejection from the box, or by a
+    Metropolis walk within the set if it is small. The level is 1/2, raised as far as the predicted
+    coverage (Naeem et al. 2020) allows. The set keeps at least the share `volume` of the volume
+    that is predicted to fool.
 
-    Where luck decides, a mu close to a hit, a query that fooled, may fool more often than the level
-    set. A trial finds out, as soon as 20 queries fool. Where such mu fool nearly as often or more,
-    rounds also check hits and go between them, and most samples lie beside those that are likely to
-    fool again, if there are 20. See `LevelSetOptions`.
+    If scores are random, mu near a *hit* (a query that fooled) may fool more often than the level
+    set does. Once 20 queries have fooled, a trial compares the two. If mu near hits fool about as
+    often or more, later rounds also query near hits and between them. Most samples then lie near
+    hits that are likely to fool again, if there are at least 20. See `LevelSetOptions`.
 
     Attributes:
-        level: The least p of a sample of the level set.
-        hits_pay: Whether the trial found that mu close to hits fool nearly as often or more.
+        level: The lowest p in the level set.
+        hits_pay: Whether mu near hits fooled about as often as the level set in the trial, or more.
     """
 
     name: ClassVar[str] = "level-set"
@@ -98,7 +98,7 @@ class LevelSet(FittedAdversary):
     hits_pay: bool = False
 
     def uniform_part(self, queries: int) -> int:
-        """Say how many queries the first, uniform round has."""
+        """Return how many queries the first, uniform part has."""
         first = max(int(self.options.uniform * queries), MIN_BUDGET)
         return first if self.options.rounds else queries
 

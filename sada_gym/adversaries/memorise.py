@@ -16,10 +16,10 @@ MEMORISED = "samples are queries of the training: a control, never ranked"
 class Memorise(FittedAdversary):
     """Replays the points of a uniform pool that fooled: a control, never ranked.
 
-    It learns no distribution. Its AFR is what memorising would score: 1 where Q depends on mu
-    alone, less where the world is random and a point fooled by luck. All others promise fresh
-    samples; here every sample is a query, and more samples than fooling points repeat them, each
-    once before any comes again.
+    It learns no distribution. Its AFR is what memorising scores: 1 if Q depends only on mu, less
+    if the world is random and some points fooled by luck. Other adversaries draw fresh samples;
+    here every sample is a query. If more samples are drawn than points fooled, each point is used
+    once before any is used again.
     """
 
     name: ClassVar[str] = "memorise"

@@ -80,10 +80,10 @@ def option(
 ) -> T:
     """Declare an option as a field of `Options`: its default and what it may be.
 
-    The type is the default's, or `kind` where the default is None, which allows None as well. A
-    tuple means a list of 1 to `max_items` items. A number, or each of a list, lies from `low` to
-    `high`, which are refused themselves with `inside`. Choose a maximum that no user will miss and
-    that memory can bear. A text is one of the `choices`, if there are any.
+    The type is that of the default. With None as the default, it is `kind`, and None is allowed. A
+    tuple means a list of 1 to `max_items` items. A number, or each number of a list, must lie in
+    [low, high], or in (low, high) with `inside=True`. Choose `high` large enough for every user,
+    but not so large that memory runs out. A text must be one of the `choices`, if there are any.
     """
     several = isinstance(default, tuple)
     kind = kind or type(default[0] if isinstance(default, tuple) else default)
@@ -93,10 +93,10 @@ def option(
 
 @dataclass(frozen=True)
 class Options:
-    """The options of an adversary. Subclass it, as a frozen dataclass, to declare some.
+    """The options of an adversary. To declare yours, write a subclass that is a frozen dataclass.
 
-    A field may be a plain one, `width: float = 0.1`, whose type is checked, or an `option`,
-    whose range is checked as well.
+    Of a plain field, such as `width: float = 0.1`, the type is checked; of an `option`, the range
+    is checked, too.
 
     Raises:
         ValueError: If an option is of another type than declared, or out of range.
@@ -109,7 +109,7 @@ class Options:
             object.__setattr__(self, declared.name, value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options by name; the class makes equal options from them."""
+        """Return the options by name; passed to the class, they make equal options."""
         return {declared.name: getattr(self, declared.name) for declared in fields(self)}
 
 

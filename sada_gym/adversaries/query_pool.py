@@ -18,9 +18,9 @@ FALLBACK_SIZE = 100
 
 @dataclass(frozen=True)
 class InducedSet:
-    """The points of the induced set S, (s, d), and those of Omega that do not fool, (n, d).
+    """The induced set S, `chosen` (s, d), and the points of Omega that do not fool, `rest` (n, d).
 
-    S holds virtual samples from the fooling distribution; the lowest scores where none fooled.
+    S are the points that fool. If none did, it holds the lowest scores, and `fallback` is true.
     """
 
     chosen: Mu
@@ -29,7 +29,7 @@ class InducedSet:
 
 
 def evaluate(mu: Mu, oracle: Query) -> Evaluations:
-    """Query the oracle about mu, (n, d); raise `UserError` if a score is not finite."""
+    """Query the oracle at mu, (n, d); raise `UserError` if a score is not finite."""
     score = np.asarray(oracle(mu), dtype=np.float64)
     if score.shape != (len(mu),) or not np.isfinite(score).all():
         raise UserError(
@@ -44,10 +44,10 @@ _DRAWN_EACH = 4_000
 
 
 def draw_permitted(draw: Callable[[int], Mu], n: int, permits: Permits) -> Mu:
-    """Draw until n mu lie in the region that `permits` allows, see `Oracle.permits`: (n, d).
+    """Call `draw` until n mu are permitted by `permits`, see `Oracle.permits`: (n, d).
 
     Raises:
-        AdversaryError: If hardly any mu lies there.
+        AdversaryError: If hardly any mu is permitted.
     """
     drawn_first = draw(n)
     kept = [drawn_first[permits(drawn_first)]]
@@ -72,9 +72,9 @@ def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
 def evaluate_uniform(
     n: int, dimension: int, oracle: Query, rng: np.random.Generator
 ) -> Evaluations:
-    """Query the oracle about n uniform mu (Omega_0 in the paper), at least one.
+    """Query the oracle at n uniform mu, n >= 1 (Omega_0 in the paper).
 
-    They are uniform in the feasible region where the oracle knows one.
+    If the oracle has a feasible region, they are uniform in that region.
     """
     if n < 1:
         raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
@@ -85,9 +85,9 @@ def evaluate_uniform(
 def select_fooling(
     queries: Evaluations, threshold: float, rng: np.random.Generator, *, size: int | None = None
 ) -> InducedSet:
-    """Pick the s = `size` lowest-scoring points of Omega that fool (the paper's inducer), or all.
+    """Select the points of Omega that fool, at most the `size` lowest (the paper's inducer).
 
-    The generator breaks ties among equal scores.
+    Without `size`, all that fool are selected. Ties between equal scores are broken at random.
     """
     shuffled = rng.permutation(len(queries))
     order = shuffled[np.argsort(queries.score[shuffled], kind="stable")]

@@ -40,7 +40,7 @@ _PACKAGES = {"cma-mae": "ribs"}
 
 @dataclass(frozen=True)
 class Description:
-    """A row of the table of adversaries: the names of the presets, the options' defaults."""
+    """An adversary's name and summary, the names of its presets, and its options' defaults."""
 
     name: str
     summary: str
@@ -49,7 +49,7 @@ class Description:
 
 
 def names() -> list[str]:
-    """List the adversaries' names."""
+    """List the names of the shipped adversaries."""
     return list(_TABLE)
 
 
@@ -60,12 +60,12 @@ def missing_package(name: str) -> str | None:
 
 
 def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) -> Adversary:
-    """Make an adversary by one of `names()`, or by `module:Class` for one of your own.
+    """Make an adversary by its name, one of `names()`, or your own by `module:Class`.
 
-    Its options are its own, `preset` among them where it has presets. See `Adversary`.
+    `options` are the keywords of this adversary, and `preset` if it has presets. See `Adversary`.
 
     Raises:
-        ValueError: If the name, an option or its value is unknown or bad.
+        ValueError: If the name or an option is unknown, or a value is bad.
     """
     kind = find(name)
     if "preset" in options and not kind.presets:
@@ -75,7 +75,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
 
 
 def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all options that `make` would use: those given, the preset's, the defaults.
+    """Return all options that `make` would use: `options`, and the preset's for all others.
 
     Raise `UserError` if the name or the preset is unknown.
     """
@@ -87,7 +87,7 @@ def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def describe() -> list[Description]:
-    """Describe every adversary. It loads them all, torch included."""
+    """Describe every shipped adversary. This imports all of them, and PyTorch."""
     rows = []
     for name in _TABLE:
         kind = find(name)
@@ -97,7 +97,7 @@ def describe() -> list[Description]:
 
 
 def find(name: str) -> type[Adversary]:
-    """Import the class of an adversary by a name as `make` takes it.
+    """Import the class of an adversary by its name, or by `module:Class`.
 
     Raises:
         ValueError: If there is no such adversary, or its module cannot be imported.

@@ -21,10 +21,10 @@ from sada_gym.foundations.determinism import one_thread
 
 @dataclass(frozen=True)
 class ReinforceOptions(RLOptions):
-    """The options of `reinforce`, beside those of `RLOptions`.
+    """The options of `reinforce`, in addition to those of `RLOptions`.
 
     Attributes:
-        components: Number of Gaussians of the mixture.
+        components: The number of Gaussians of the mixture.
         deviation: The standard deviation that they start with, in each dimension.
         entropy: The reward for each nat of the mixture's entropy.
     """
@@ -41,7 +41,7 @@ class Reinforce(RLAdversary):
     This is REINFORCE (Williams 1992) for a bandit: after each rollout, one step of Adam follows the
     mean of (reward - baseline) x gradient of log density. The baseline is the mean reward of the
     rollout's other queries (Kool, van Hoof & Welling 2019); the entropy's gradient is estimated in
-    the same way. Gaussians have diagonal covariances and are reflected at the box's faces. See
+    the same way. Covariances are diagonal, and samples are reflected at the box's faces. See
     `ReinforceOptions`.
     """
 

@@ -28,9 +28,9 @@ class RLOptions(Options):
     """The options of every adversary that learns by reinforcement.
 
     Attributes:
-        uniform_share: The least share of the budget that is uniform. The first rollout's scores are
-            ranked among the uniform ones. Queries that fill no whole rollout are uniform, too.
-        rollout: Number of queries between two updates of the policy; they are evaluated together.
+        uniform_share: At least this share of the budget is uniform. The first rollout's scores are
+            ranked among the uniform ones. Queries left over by whole rollouts are uniform, too.
+        rollout: The number of queries between two updates of the policy, evaluated together.
         learning_rate: The learning rate of Adam.
         rank: The highest reward of a query that did not fool; a query that fooled gets 1.
         dissimilarity: The weight of the bonus for failures far from those already found.
@@ -45,7 +45,7 @@ class RLOptions(Options):
 
 @dataclass(frozen=True)
 class PolicySteps:
-    """The steps that a policy proposes, (n, d), and where they start, which the policy observes."""
+    """The steps `action`, (n, d), that a policy proposes after it observed where they `start`."""
 
     start: Floats
     action: Floats
@@ -60,24 +60,24 @@ class RLAdversary(FittedAdversary):
     """An adversary whose policy proposes mu, rollout after rollout, and is rewarded for failures.
 
     An episode is one proposal, so the policy at the first observation is the learnt distribution.
-    Rewards depend on the order of the scores alone; see `failure_rewards`.
+    Rewards depend only on the order of the scores; see `failure_rewards`.
 
-    A subclass implements `begin`, `act`, `learn` and `arrays`, `restore`.
+    A subclass implements `begin`, `act`, `learn`, `arrays` and `restore`.
     """
 
     options: RLOptions
 
     @abstractmethod
     def begin(self, budget: int) -> None:
-        """Make a new policy with room for so many queries."""
+        """Make a new policy for a training of `budget` queries."""
 
     @abstractmethod
     def act(self, n: int) -> PolicySteps:
-        """Let the policy propose n rows; all randomness comes from the adversary's generator."""
+        """Let the policy propose n steps; take all randomness from the adversary's generator."""
 
     @abstractmethod
     def learn(self, steps: PolicySteps, rewards: Floats) -> bool:
-        """Improve the policy by its last rollout; return whether all weights are finite."""
+        """Update the policy after a rollout; return whether all of its weights are finite."""
 
     def _learn_uniform(self, queries: Evaluations, rewards: Floats) -> None:
         """Learn from the uniform queries, if the algorithm can learn from such actions."""
@@ -106,12 +106,12 @@ class RLAdversary(FittedAdversary):
         return queries
 
     def fit(self, queries: Evaluations) -> None:
-        """Flag a training without failures; the policy has already learnt from its rollouts."""
+        """Set a flag if no query fooled; the policy has already learnt from its rollouts."""
         self.flags = [] if queries.fooled(self.threshold).any() else [NONE_FOOLED]
 
     @property
     def minimum_budget(self) -> int:
-        """The smallest budget that it can learn from, in queries."""
+        """The smallest budget, in queries, that it can learn from."""
         budget = math.floor(self.options.rollout / (1.0 - self.options.uniform_share))
         while self._rollouts(budget) < 1:
             budget += 1
@@ -143,11 +143,11 @@ def failure_rewards(
 ) -> Floats:
     """Return the rewards of a rollout's queries: (n,).
 
-    A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
-    missed so far, these included, whose score is above its own (half of the equal ones count). So
-    only the order of scores matters. Where a query fooled, `dissimilarity` times its `novelties` is
-    added (Corso et al. 2019, "Adaptive stress testing with reward augmentation for autonomous
-    vehicle validation"). The queries before the rollout are `seen`.
+    `asked` are the rollout's queries, `seen` those before it. A query that fooled gets 1, plus
+    `dissimilarity` times its `novelties` (Corso et al. 2019, "Adaptive stress testing with reward
+    augmentation for autonomous vehicle validation"). Any other gets `rank` times a share: that of
+    all queries that missed so far, the rollout's included, whose score is above its own (equal
+    scores count half). So only the order of scores matters.
     """
     fooled = asked.fooled(threshold)
     known = seen + asked
@@ -164,9 +164,9 @@ def failure_rewards(
 def novelties(mu: Mu, failures: Mu) -> Floats:
     """Return how far each mu (n, d) lies from known failures (m, d): (n,) in [0, 1].
 
-    It is the share of the failures whose nearest other failure is closer than the mu's nearest
-    failure: in eight dimensions every two points are far apart, so a distance by itself says
-    nothing. With fewer than two failures every mu has novelty 1.
+    It is the share of failures whose nearest other failure is closer to them than any failure is to
+    the mu. (In many dimensions all points are far apart, so a distance by itself says nothing.)
+    With fewer than two failures every mu has novelty 1.
     """
     if len(failures) < 2:
         return np.ones(len(mu))

@@ -23,10 +23,10 @@ from sada_gym.foundations.determinism import generators_kept, one_thread
 
 @dataclass(frozen=True)
 class SB3Options(RLOptions):
-    """The options of the adversaries of Stable-Baselines3, beside those of `RLOptions`.
+    """The options of the adversaries of Stable-Baselines3, in addition to those of `RLOptions`.
 
     Attributes:
-        starts: The place where episodes start: the `centre` of the box, or `uniform` in it.
+        starts: Where episodes start: in the `centre` of the box, or `uniform` in it.
         hidden: The widths of the hidden layers of each network.
     """
 
@@ -37,13 +37,13 @@ class SB3Options(RLOptions):
 class SB3Adversary(RLAdversary):
     """An adversary whose policy and update rule are those of Stable-Baselines3.
 
-    We draw the actions, query the oracle and give rewards; then the model's own `train` improves
-    the policy. So the oracle never runs while Stable-Baselines3 uses the global generators. The
-    policy observes where an episode starts and proposes a step from there: with uniform starts the
-    learnt distribution may lie in many places at once.
+    This class draws the actions, queries the oracle and gives rewards; then the model's own `train`
+    improves the policy. So the oracle never runs while Stable-Baselines3 uses the global
+    generators. The policy observes where an episode starts and proposes a step from there. So with
+    uniform starts, the learnt distribution can cover many separate places.
 
     A subclass names its `algorithm`, the class in `stable_baselines3`, and implements `_settings`,
-    `_moments` and `learn`, and `_squash` where it needs it.
+    `_moments` and `learn`. It overrides `_squash` if it needs to.
     """
 
     packages = ("scikit-learn", "torch", "stable-baselines3")
@@ -120,10 +120,10 @@ class SB3Adversary(RLAdversary):
 
 @dataclass(frozen=True)
 class PPOOptions(SB3Options):
-    """The options of `ppo`, beside those of `SB3Options`.
+    """The options of `ppo`, in addition to those of `SB3Options`.
 
     Attributes:
-        epochs: Number of steps of Adam on each rollout.
+        epochs: The number of steps of Adam on each rollout.
         log_deviation: The logarithm of the standard deviation that the Gaussian starts with.
         entropy: The weight of the policy's entropy in the loss.
     """
@@ -135,10 +135,10 @@ class PPOOptions(SB3Options):
 
 
 class PPO(SB3Adversary):
-    """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
+    """A Gaussian policy that PPO improves after each rollout, on the latest rollout only.
 
     This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
-    the order of the uniform queries' scores, because they are no actions of the policy. See
+    the order of the uniform queries' scores, because they are not actions of the policy. See
     `PPOOptions`.
     """
 
@@ -183,9 +183,9 @@ class PPO(SB3Adversary):
 
 @dataclass(frozen=True)
 class OffPolicyOptions(SB3Options):
-    """The options of `sac` and `td3`, beside those of `SB3Options`.
+    """The options of `sac` and `td3`, in addition to those of `SB3Options`.
 
-    There are `updates` steps of Adam for each query, on a `batch` of queries each.
+    For each query there are `updates` steps of Adam, each on `batch` queries.
     """
 
     updates: float = option(0.5, 0, 100, inside=True)
@@ -220,7 +220,7 @@ class OffPolicyAdversary(SB3Adversary):
 
 @dataclass(frozen=True)
 class SACOptions(OffPolicyOptions):
-    """The options of `sac`, beside those of `OffPolicyOptions`.
+    """The options of `sac`, in addition to those of `OffPolicyOptions`.
 
     `entropy` is the temperature: the reward for each nat of the policy's entropy.
     """
@@ -230,10 +230,10 @@ class SACOptions(OffPolicyOptions):
 
 
 class SAC(OffPolicyAdversary):
-    """A Gaussian policy, squashed into the box, that climbs a critic of all queries so far.
+    """A Gaussian policy, squashed into the box, that a critic of all queries so far improves.
 
     This is the soft actor-critic (Haarnoja et al. 2018) by Stable-Baselines3, with a fixed
-    temperature: at its optimum an action's density is proportional to exp(reward / temperature), as
+    temperature. At the optimum an action's density is proportional to exp(reward / temperature), as
     far as a squashed Gaussian allows. See `SACOptions`.
     """
 
@@ -259,10 +259,10 @@ class SAC(OffPolicyAdversary):
 
 @dataclass(frozen=True)
 class TD3Options(OffPolicyOptions):
-    """The options of `td3`, beside those of `OffPolicyOptions`.
+    """The options of `td3`, in addition to those of `OffPolicyOptions`.
 
-    `noise` is the standard deviation of what is added to every action, in training and in samples.
-    It is this policy's only entropy.
+    `noise` is the standard deviation of the noise on every action, in training and in samples. This
+    noise is the only randomness of the policy.
     """
 
     updates: float = option(1.0, 0, 100, inside=True)
@@ -270,11 +270,11 @@ class TD3Options(OffPolicyOptions):
 
 
 class TD3(OffPolicyAdversary):
-    """A deterministic policy that climbs a critic of all queries, and Gaussian noise around it.
+    """A deterministic policy that a critic of all queries improves, with Gaussian noise around it.
 
     This is twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018) by
     Stable-Baselines3. A deterministic policy is not a distribution, so samples are its actions with
-    the noise that it explores with. See `TD3Options`.
+    its exploration noise added. See `TD3Options`.
     """
 
     name: ClassVar[str] = "td3"

@@ -25,9 +25,9 @@ class SelectionOptions(Options):
     """The options of `svm` and `gp`.
 
     Attributes:
-        pool: Number of random mu that a sample is selected from; None takes as many as Omega has.
-            At least four times the sample are drawn in any case, so that a selection remains.
-        subset: The most points of Omega that choose the hyper-parameters; the final fit uses all.
+        pool: The number of random mu that samples are selected from; None takes as many as Omega
+            has. The pool is always at least four times as large as the sample.
+        subset: Hyper-parameters are chosen on at most this many points; the final fit uses all.
     """
 
     pool: int | None = option(None, 1, 10**6, kind=int)
@@ -38,8 +38,8 @@ class Selection(FittedAdversary):
     """Learns to predict Q from all of Omega; samples are the lowest of a fresh random pool.
 
     The paper does not say how many random mu it sorts by their predicted score. A large pool gives
-    only the extremes of the prediction, a small one nearly the whole box. Ours is as large as
-    Omega. Each call draws a new pool; ties are in random order. See `SelectionOptions`.
+    only the extremes of the prediction, a small one nearly the whole box. Here the pool is as large
+    as Omega. Each call draws a new pool; ties are broken at random. See `SelectionOptions`.
     """
 
     uniform_queries: ClassVar[bool] = True

@@ -27,10 +27,10 @@ class SMCOptions(Options):
     """The options of `smc`.
 
     Attributes:
-        uniform_share: The uniform pool's share of the budget.
-        level_share: The share of the budget for chains at a level above epsilon.
+        uniform_share: The share of the budget that the uniform pool spends.
+        level_share: The share of the budget that the chains spend at each level above epsilon.
         level_probability: The share of a population that the next level keeps.
-        steps: Number of steps of a chain at a level.
+        steps: The number of steps of a chain at a level.
         acceptance: The target rate of accepted steps.
         neighbours: The number of nearest neighbours to sample towards.
     """
@@ -44,14 +44,14 @@ class SMCOptions(Options):
 
 
 class SMC(FittedAdversary):
-    """A population of points that moves down levels of Q and then about the fooling set.
+    """A population of points that moves down levels of Q, and then within the fooling set.
 
     This is subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet
-    & Jasra 2006). A chain's state is mu with the world that it was evaluated in, as in
-    pseudo-marginal Metropolis (Andrieu & Roberts 2009): the chains follow the density proportional
-    to the probability to fool. A sample lies at a random place between a point that fooled and one
-    of its nearest neighbours among these (SMOTE, Chawla et al. 2002). Each point that fooled counts
-    once, however long a chain stayed there. See `SMCOptions`.
+    & Jasra 2006). A chain keeps the score of its mu, as in pseudo-marginal Metropolis (Andrieu &
+    Roberts 2009), so chains follow the density proportional to the probability to fool. A sample
+    lies at a random place between a point that fooled and one of its nearest neighbours that fooled
+    (SMOTE, Chawla et al. 2002). Each point that fooled counts once, however long a chain stayed
+    there. See `SMCOptions`.
     """
 
     name: ClassVar[str] = "smc"

@@ -30,11 +30,11 @@ _BLOCK = 1_000
 class SVM(Selection):
     """A multi-class SVM of the score in five equal bins; samples are random mu of the lowest bin.
 
-    Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines", which names neither
-    kernel nor penalty. Ours: an RBF kernel on standardised inputs, pairs of classes that vote,
-    weights that make up for rare classes, and C and gamma with the best balanced accuracy in a
+    A baseline of Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines", which
+    names neither kernel nor penalty. Here it has an RBF kernel on standardised inputs, votes of
+    pairs of classes, and balanced class weights. C and gamma have the best balanced accuracy in a
     threefold cross-validation on a subset of Omega. See `Selection` for how samples are chosen,
-    and for the options.
+    and `SelectionOptions` for the options.
     """
 
     name: ClassVar[str] = "svm"

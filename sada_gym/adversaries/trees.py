@@ -18,10 +18,7 @@ _POOL, _PART = 200_000, 20_000
 
 @dataclass(frozen=True)
 class TreesOptions(Options):
-    """The options of `trees`.
-
-    A candidate is kept where at least the share `level` of the trees says that it fools.
-    """
+    """The options of `trees`: their number, and the share (`level`) that must vote for a sample."""
 
     trees: int = option(500, 1, 100_000)
     level: float = option(0.5, 0, 1)
@@ -30,8 +27,8 @@ class TreesOptions(Options):
 class Trees(FittedAdversary):
     """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
 
-    The reference for every adversary that learns a surrogate: thirty lines around scikit-learn.
-    Where no candidate of 200,000 reaches the level, the likeliest are taken. See `TreesOptions`.
+    A simple baseline for adversaries that learn a surrogate: thirty lines around scikit-learn. If
+    none of 200,000 candidates reaches the level, the likeliest are taken. See `TreesOptions`.
     """
 
     name: ClassVar[str] = "trees"

@@ -33,7 +33,7 @@ class Mixture:
     covariances.
 
     Raises:
-        ValueError: If the shapes do not belong together, or the weights are no probabilities.
+        ValueError: If the shapes do not match, or the weights are not probabilities.
     """
 
     weights: Floats
@@ -55,8 +55,8 @@ class Mixture:
     def sample(self, n: int, rng: np.random.Generator) -> Floats:
         """Draw n points of the mixture truncated to the box: (n, d) float64 in [-1, 1].
 
-        Draws outside the box are drawn again, component and all. SADA's authors clip them, which
-        piles samples up on the faces. A point still outside after 100 tries is reflected.
+        A draw outside the box is repeated, with a new component. (SADA's authors clip it, so their
+        samples pile up on the faces.) A point that is still outside after 100 tries is reflected.
         """
         points = np.empty((n, self.means.shape[1]))
         outside = np.arange(n)
@@ -72,28 +72,28 @@ class Mixture:
     def log_density(self, points: npt.ArrayLike) -> Floats:
         """Return the log density of the mixture, not truncated, at points (n, d): (n,).
 
-        Its mean over points that were held out compares mixtures. The truncated mixture's is higher
-        by -log of the mixture's mass inside the box.
+        To compare mixtures, take its mean over held-out points. The log density of the truncated
+        mixture is higher by -log of the mixture's mass inside the box.
         """
         with threadpool_limits(1):
             return _log_sum(self._log_joint(np.asarray(points, np.float64)))
 
     def mass_in_box(self, rng: np.random.Generator, *, draws: int = 4096) -> float:
-        """Estimate the mixture's mass inside the box from so many draws; never 0."""
+        """Estimate the mixture's mass inside the box from `draws` draws; it is never 0."""
         with threadpool_limits(1):
             inside = (np.abs(self._draw_anywhere(draws, rng)) <= 1.0).all(axis=1).sum()
         return max(float(inside), 0.5) / draws
 
     def to_arrays(self) -> dict[str, Floats]:
-        """Return the fields by name, to be saved."""
+        """Return the fields by name, for a file."""
         return {"weights": self.weights, "means": self.means, "factors": self.factors}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]], dimension: int) -> Self:
-        """Make a mixture of what `to_arrays` gave; other entries are ignored.
+        """Make a mixture from what `to_arrays` returned; other entries are ignored.
 
         Raises:
-            ValueError: If the shapes do not belong together, or to points of that dimension.
+            ValueError: If the shapes do not match each other or the dimension.
         """
         mixture = cls(arrays["weights"], arrays["means"], arrays["factors"])
         if mixture.means.shape[1] != dimension:
@@ -130,17 +130,17 @@ def fit_mixture(
 ) -> Mixture:
     """Fit a mixture with full covariances by weighted EM, started from k-means.
 
-    It is EM for a posterior mode, after Fraley & Raftery 2007 ("Bayesian regularization for normal
+    EM seeks a posterior mode, after Fraley & Raftery 2007 ("Bayesian regularization for normal
     mixture estimation and model-based clustering"): each component's covariance is averaged with
-    d + 2 pseudo-points of a common one, so that a component of one point still has one. The common
-    one is the covariance within the clusters of k-means, plus components / n of Fraley & Raftery's
-    choice (that of all points divided by components^(2/d)). Both are shrunk towards a sphere by the
-    OAS rule (Chen, Wiesel, Eldar & Hero 2010). With one component and many points what remains is
-    the maximum likelihood.
+    d + 2 pseudo-points of a common covariance, so even a component of a single point has one. The
+    common covariance is that within the clusters of k-means, plus components / n times Fraley &
+    Raftery's choice (the covariance of all points, divided by components^(2/d)). Both are shrunk
+    towards a sphere by the OAS rule (Chen, Wiesel, Eldar & Hero 2010). With one component and many
+    points, the result is the maximum likelihood.
 
-    Few or identical points, (n, d), n >= 1, will do; there are no more components than distinct
-    points. Of the weights, (n,), at least 0, only the ratios count; the sample's size is Kish's
-    effective one.
+    One point, or identical ones, (n, d), are enough; the mixture has at most as many components as
+    there are distinct points. Only the ratios of the weights, (n,), at least 0, matter; the sample
+    size is Kish's effective one.
 
     Raises:
         ValueError: If there are no points, or shapes or values are bad.
@@ -157,9 +157,9 @@ def fit_best_mixture(
     *,
     weights: npt.ArrayLike | None = None,
 ) -> Mixture:
-    """Fit mixtures of several sizes; return that with the best cross-validated log likelihood.
+    """Fit mixtures of several sizes; return the one of the best cross-validated log likelihood.
 
-    The first size wins ties. Fewer than two points a fold decide nothing and give the first size.
+    Of equally good sizes it takes the first; also if there are fewer than two points for each fold.
     Points and weights are those of `fit_mixture`.
 
     Raises:

@@ -22,7 +22,7 @@ _JITTER, _BLOCK, _MAX_LEVERAGE = 1e-6, 4_000, 0.999
 
 
 class CrossFittedTrees:
-    """Gradient-boosted trees, one ensemble a fold; the prediction is their mean.
+    """Gradient-boosted trees, one ensemble for each fold; the prediction is their mean.
 
     `held_out`, (n,), is each point's prediction by the ensemble that did not see it.
     """
@@ -70,11 +70,11 @@ class RandomisedTrees:
 
 
 class SparseGP:
-    """The posterior mean of a Gaussian process that lives on some of its points.
+    """The posterior mean of a sparse Gaussian process, with m of the n points as regressors.
 
-    The subset of regressors (Rasmussen & Williams 2006, section 8.3.1): n points in m^2 n
-    operations. It is a ridge regression, so its leave-one-out means cost nothing more: `held_out`,
-    (n,). A subset of the points settles the kernel's hyper-parameters.
+    This is the subset of regressors (Rasmussen & Williams 2006, section 8.3.1), which costs m^2 n
+    operations. It is a ridge regression, so the leave-one-out means `held_out`, (n,), are free.
+    The kernel's hyper-parameters are fitted to a `subset` of the points.
     """
 
     def __init__(
@@ -135,14 +135,14 @@ MODELS: Mapping[str, Callable[[Floats, Floats, np.random.Generator], Model]] = {
 class Surrogate:
     """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score's rank.
 
-    Ranks do not depend on how scores are scaled: where the threshold lies at 1e-4, a squared error
-    would not see the differences that decide. Trees find sharp, axis-aligned regions in many
-    dimensions, a Gaussian process smooth ones. A logistic regression of what fooled on both
-    predictions, each made without the point itself, weighs them (stacking, Wolpert 1992) and
-    calibrates them (Platt 1999). Where fewer than 20 queries fool, the threshold is raised to the
-    20th lowest score, as in the cross-entropy method: it is `raised`. With at most 100 queries a
-    tenth of them takes the place of 20, and at least 5. `held_out`, (n,), is the probability of
-    each mu that it learnt from, predicted without it.
+    Ranks do not depend on the scale of the scores: with a threshold of 1e-4, a squared error would
+    miss the differences that matter. Trees find sharp, axis-aligned regions in many dimensions; a
+    Gaussian process finds smooth regions. A logistic regression combines both predictions
+    (stacking, Wolpert 1992) and calibrates them (Platt 1999); it learns from predictions that were
+    made without the point itself. If fewer than 20 queries fool, the threshold is raised to the
+    20th lowest score, as in the cross-entropy method, and `raised` is true. With at most 100
+    queries, a tenth of them, but at least 5, takes the place of 20. `held_out`, (n,), is the
+    probability of each mu that it learnt from, predicted without that mu.
     """
 
     def __init__(
@@ -182,7 +182,7 @@ class Surrogate:
             return self.calibrated([r(x) for r in self.regressions])
 
     def calibrated(self, predicted: Sequence[Floats]) -> Floats:
-        """Return the probability of fooling where each regression predicts (m,) ranks: (m,)."""
+        """Turn the ranks that each model predicts, (m,), into the probability of fooling, (m,)."""
         assert self._stack is not None
         standard = (np.stack(predicted, axis=1) - self._centre) / self._scale
         probability: Floats = self._stack.predict_proba(standard)[:, 1]
