@@ -205,7 +205,7 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
     headings = [i for i, line in enumerate(lines) if line.startswith("## ")]
     if headings:
         del lines[headings[0] :]
-        below = documented.startswith("sada_gym.evaluation")
+        below = documented.startswith(("sada_gym.evaluation", "sada_gym.StressEnv"))
         page = next((part for part in documented.split(".") if _has_page(part)), "interface")
         described = f"Its parameters, score and worlds: :doc:`/environments/{page}`."
         lines += ["See below." if below else described, ""]

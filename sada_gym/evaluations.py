@@ -26,7 +26,7 @@ def fools(score: float, threshold: float) -> bool: ...
 @overload
 def fools(score: AnyFloats, threshold: float) -> Bools: ...
 def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
-    """Return whether the agent is fooled: Q <= epsilon, for one score or an array of them."""
+    """Return whether the agent is fooled, score <= threshold, for one score or an array."""
     fooled = score <= threshold
     return fooled if isinstance(fooled, np.ndarray) else bool(fooled)
 
@@ -35,8 +35,8 @@ def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
 class Evaluations:
     """A record of n evaluations; `evaluations[rows]` selects some, and `+` joins two records.
 
-    Score, seed and `invalid` are (n,). A row's mu and seed replay its evaluation exactly. Where a
-    world is invalid, it could not be computed, and fooled nobody.
+    `mu` is (n, d); `score`, `seed` and `invalid` are (n,). The mu and the seed of a row repeat its
+    evaluation exactly. An invalid world could not be computed; it does not count as a failure.
     """
 
     mu: Mu
@@ -51,17 +51,17 @@ class Evaluations:
 
     @classmethod
     def unseeded(cls, mu: Mu, score: Floats) -> Evaluations:
-        """Make a record without seeds, which an adversary does not know: all are -1."""
+        """Make a record without seeds (all are -1), as adversaries see it."""
         return cls(mu, score, np.full(len(score), UNKNOWN_SEED, np.int64))
 
     @classmethod
     def empty(cls, dimension: int) -> Evaluations:
-        """Make a record of no evaluation."""
+        """Make a record without evaluations."""
         return cls(np.zeros((0, dimension), np.float32), np.zeros(0), np.zeros(0, np.int64))
 
     @classmethod
     def joined(cls, records: Sequence[Evaluations]) -> Evaluations:
-        """Join records, at least one, in their order."""
+        """Join one or more records in this order."""
         return cls(
             np.concatenate([record.mu for record in records]),
             np.concatenate([record.score for record in records]),
@@ -70,12 +70,12 @@ class Evaluations:
         )
 
     def fooled(self, threshold: float) -> Bools:
-        """Return which evaluations fooled the agent, (n,) bool: Q <= threshold, in valid worlds."""
+        """Return which evaluations fooled the agent, (n,) bool: score <= threshold and valid."""
         return fools(self.score, threshold) & ~self.invalid
 
     @property
     def valid(self) -> Evaluations:
-        """The evaluations of worlds that could be computed."""
+        """The evaluations of valid worlds only."""
         return self[~self.invalid] if self.invalid.any() else self
 
     def __len__(self) -> int:

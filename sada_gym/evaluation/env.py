@@ -21,41 +21,41 @@ class OracleEnv(LockstepEnv[Floats32]):
     """An oracle as an environment: the action is mu, the reward is -Q, a step costs one query.
 
     ## Description
-    It shows algorithms that learn from environments what an adversary may see of an application.
+    It lets reinforcement learning act as an adversary that sees only what the oracle answers.
     Each step is one query of the oracle, counted against its budget. The step that spends the last
     query ends its episode (`truncated`). Any step after that raises `BudgetExhausted`, before
-    anything is evaluated. So the exception ends a training that asks for too many steps, with
-    exactly the budget spent, also in the middle of a rollout:
+    anything is evaluated. So the exception ends a training that asks for too many steps when
+    exactly the budget is spent, even in the middle of a rollout:
 
         env = OracleEnv(oracle)
         model = PPO("MlpPolicy", env, n_steps=100)
         with suppress(BudgetExhausted):
             model.learn(oracle.remaining)
 
-    The algorithm then loses what it collected since its last update (`oracle.record` has it), so
-    let the length of a rollout divide the budget.
+    The algorithm then loses the steps since its last update (`oracle.record` has them), so choose
+    a length of the rollout that divides the budget.
 
     ## Action Space
     `Box(-1, 1, (d,), float32)`: mu.
 
     ## Observation Space
     `Box(-1, 1, (d + 2,), float32)`, as in the adversary's environments: the last mu, the last score
-    (clipped to the box), and the share of the episode's steps that is left. The first two are 0
-    before the first step.
+    (clipped to the box), and the share of the episode's steps that are left. Before the first step,
+    mu and score are 0.
 
     ## Rewards
     A Python float, exactly `-info["score"]`.
 
     ## Starting State
-    No proposal yet. The seed of `reset` changes nothing: a query's evaluation seed follows from its
-    number, so that a score of a noisy application cannot be asked for again.
+    No proposal yet. The seed of `reset` has no effect: a query's evaluation seed follows from its
+    number, so that nobody can query a world of a noisy application again with the same seed.
 
     ## Episode End
-    Terminated after `horizon` proposals, truncated when the budget is spent before that.
+    Terminated after `horizon` proposals, truncated if the budget is spent before that.
 
     ## Arguments
-    - `oracle`: the oracle to query. It is left open.
-    - `horizon=1`: proposals in one episode.
+    - `oracle`: the oracle to query. It is not closed.
+    - `horizon=1`: the number of proposals in an episode.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
@@ -66,17 +66,17 @@ class OracleEnv(LockstepEnv[Floats32]):
 
 
 class OracleVectorEnv(LockstepVectorEnv[Floats32]):
-    """Many `OracleEnv` in lockstep: a step is one call of the oracle and keeps its workers busy.
+    """A vector environment of `OracleEnv`: a step is one call of the oracle, for all its workers.
 
-    Where fewer queries are left than there are environments, a step evaluates the first of its mu,
-    as many as are left, and then raises `BudgetExhausted`: the budget is spent to the last query.
+    If fewer queries are left than there are environments, a step spends them on the first of its
+    mu and then raises `BudgetExhausted`, so that the whole budget is spent.
     A new episode starts in the step that ends the old one (`AutoresetMode.SAME_STEP`). For
     Stable-Baselines3, wrap it in `sada_gym.sb3.SB3VecEnv`.
 
     Args:
-        oracle: The oracle to query. It is left open.
-        num_envs: Number of environments, the queries of a step.
-        horizon: Proposals in one episode.
+        oracle: The oracle to query. It is not closed.
+        num_envs: The number of environments, which is the number of queries in a step.
+        horizon: The number of proposals in an episode.
     """
 
     metadata: dict[str, Any] = {**OracleEnv.metadata, **SAME_STEP}  # noqa: RUF012

@@ -53,9 +53,9 @@ class Evaluated(NamedTuple):
 
 
 class Evaluator:
-    """Scores (mu, seed) pairs; owns the application, the store and the worker pool.
+    """Owns the application, the store and the workers that several oracles can share.
 
-    The arguments are those of `Oracle`, whose errors it raises.
+    Arguments and errors are as for `Oracle`.
     """
 
     def __init__(
@@ -119,9 +119,9 @@ class Evaluator:
         return self._scorer if isinstance(self._scorer, Application) else None
 
     def attach(self, path: str | Path) -> None:
-        """Keep all further scores in the store of a file, and take known scores from it.
+        """Keep all further scores in this store file, and take known scores from it.
 
-        It raises `StoreError` if the store cannot serve, or nothing identifies the scores.
+        Raises a StoreError if the store cannot be used, or nothing identifies the scores.
         """
         if self.application is None:
             raise StoreError(

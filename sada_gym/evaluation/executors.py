@@ -36,17 +36,17 @@ _DECISIVE = ("sada-gym", "numpy", "torch")
 
 @dataclass(frozen=True, eq=False)
 class Workers:
-    """Who evaluates. What takes `workers=` takes a number, too: so many processes of our own.
+    """Says which processes evaluate. `workers=` also takes a number: that many local processes.
 
     Attributes:
-        count: 1 evaluates in this process, more in as many others. Of an executor it is the number
-            of its workers, if it cannot say that itself.
+        count: 1 evaluates in this process, more start that many processes. With an executor, give
+            the number of its workers if the executor does not know it.
         executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's `Client.get_executor()`)
-            instead of our own processes. It is left open.
-        chunk_size: The evaluations that a worker gets at a time; None chooses.
+            to use instead of local processes. It is not closed.
+        chunk_size: How many evaluations a worker gets at a time; None chooses.
 
     Raises:
-        TypeError, ValueError: If one of them is no such thing.
+        TypeError, ValueError: If an argument is not as described.
     """
 
     count: int = 1
@@ -73,10 +73,10 @@ class Workers:
 class OpenExecutor(ExitStack):
     """An executor that is ready for work.
 
-    `close` leaves the cluster, or ends one that was started here; calling it twice is fine.
+    `close` disconnects from a cluster, or stops one that was started here. It may be repeated.
 
     Attributes:
-        workers: Pass them to `attack`, `Oracle` or whatever takes `workers=`.
+        workers: Pass this to `attack`, `Oracle` or any other `workers=`.
     """
 
     def __init__(self, executor: Executor | None, workers: int) -> None:
@@ -92,10 +92,10 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
     """Open an executor by its name.
 
     Args:
-        spec: `processes` stands for our own processes, `dask` for a new Dask cluster on this
-            machine, and `dask:ADDRESS` for a running cluster at its scheduler's address, such as
+        spec: `processes` for local processes, `dask` for a new Dask cluster on this machine, or
+            `dask:ADDRESS` for a running cluster, by the address of its scheduler, such as
             `dask:tcp://10.0.0.5:8786`.
-        workers: How many processes to start. A running cluster has its own number.
+        workers: How many processes to start. A running cluster keeps its own number.
 
     Returns:
         The executor. Close it, or use it as a context manager.

@@ -15,15 +15,15 @@ from sada_gym.foundations.files import Strict
 
 
 class ApplicationKey(Strict):
-    """All that decides a score besides mu and seed.
+    """Everything that decides a score besides mu and seed.
 
     Attributes:
         name: The application's name.
-        version: Its version.
-        settings: Its resolved keywords. Where it is a user's own, or its environment is, they hold
-            the code, see `own_sources`.
-        fingerprint: The SHA-256 of the agent and of whatever else decides the score; of an agent of
-            a user's own with its code.
+        version: The application's version.
+        settings: Its resolved keywords. For your own application or environment, they include a
+            hash of its code.
+        fingerprint: The SHA-256 of the agent and of whatever else decides the score; for your own
+            agent, it includes the agent's code.
     """
 
     name: str

@@ -31,25 +31,25 @@ MAX_QUERIES = 10_000_000
 class Oracle:
     """Answers an adversary's queries, `oracle(mu) -> q`, until the budget is spent.
 
-    Query i's evaluation seed is fixed by (seed, stream, i) before anything is dispatched, so the
-    scores depend neither on chunks nor on workers nor on what a store already knew.
+    The evaluation seed of query i follows only from (seed, stream, i), so the scores depend neither
+    on chunks, nor on workers, nor on the scores that are already in the store.
 
     Args:
-        problem: An environment id, an `Application`, a function (n, d) -> (n,), or an `Evaluator`
-            whose workers and store several oracles share; it is left open.
+        problem: An environment id, an `Application`, a function (n, d) -> (n,), or an `Evaluator`,
+            whose workers and store several oracles can share. The oracle does not close it.
         budget: The number of queries. A query that the store answers counts, too.
-        seed: Fixes the evaluation seeds.
-        stream: The purpose of the evaluations; streams never share seeds.
-        env_kwargs: Keywords of an environment id.
-        dimension: d of a function.
-        threshold: The fooling threshold of a function.
-        workers: With 1, this process evaluates; with more, as many others do. See `Workers`.
-        store: The evaluation store's file; with None, no score is kept.
-        progress: A function that is called as progress(done, total, cached) after each chunk.
+        seed: The seed from which the evaluation seeds follow.
+        stream: `train`, `test`, `validation` or `verification`; streams never share seeds.
+        env_kwargs: Keywords of the environment, if an id is given.
+        dimension: The number of parameters, d, if a function is given.
+        threshold: The fooling threshold, if a function is given.
+        workers: 1 evaluates in this process, more start that many processes. See `Workers`.
+        store: The file that keeps the scores; None keeps none.
+        progress: Called as progress(done, total, cached) after each chunk.
 
     Raises:
         TypeError, ValueError: If the arguments do not fit together.
-        StoreError: If the store cannot serve.
+        StoreError: If the store cannot be used.
 
     Example:
         >>> with Oracle("SADA-Detection-Car-v0", budget=1_000, workers=2) as oracle:
@@ -107,7 +107,7 @@ class Oracle:
 
     @property
     def threshold(self) -> float:
-        """The fooling threshold: the agent is fooled where Q <= threshold."""
+        """The fooling threshold: the agent is fooled if Q <= threshold."""
         return self._evaluator.threshold
 
     @property
@@ -122,24 +122,24 @@ class Oracle:
 
     @property
     def record(self) -> Evaluations:
-        """All queries so far, in their order."""
+        """All queries so far, in order."""
         return Evaluations.joined(self._record)
 
     @property
     def permits(self) -> Permits:
-        """Says which worlds of mu, (n, d), can exist at all, (n,)."""
+        """A function that returns which worlds of mu, (n, d), can exist, as (n,) bool."""
         return all_can_exist if self.application is None else self.application.permits
 
     @property
     def invalid(self) -> dict[int, str]:
-        """Why worlds of `record` are invalid, by their place in it."""
+        """The reasons for invalid worlds, by their row in `record`."""
         return dict(self._invalid)
 
     def __call__(self, mu: npt.ArrayLike) -> Floats:
-        """Score mu.
+        """Score n worlds, which costs n queries.
 
         Args:
-            mu: (n, d), values in [-1, 1]; rounded to float32. Costs n queries.
+            mu: (n, d), values in [-1, 1]; rounded to float32.
 
         Returns:
             (n,) float64 scores.
@@ -147,7 +147,7 @@ class Oracle:
         Raises:
             ValueError: If mu is not as described, or this is a copy in another process, which would
                 count a budget of its own.
-            BudgetExhausted: If fewer than n queries are left; none is evaluated then.
+            BudgetExhausted: If fewer than n queries are left. Then nothing is evaluated.
         """
         if os.getpid() != self._process:
             raise UserError(
@@ -179,7 +179,7 @@ class Oracle:
             self._progress(self._used + done, self.budget, self._cached + cached)
 
     def close(self, *, now: bool = False) -> None:
-        """Stop the workers and close the store; `now` drops the running chunks. Idempotent."""
+        """Stop the workers and close the store; `now` drops running chunks. May be repeated."""
         if self._owns:
             self._evaluator.close(now=now)
 

@@ -80,21 +80,20 @@ SELECT context FROM evaluation GROUP BY context HAVING
 
 
 class EvaluationStore:
-    """Keeps scores by (context, mu, seed) in one SQLite file with one writer.
+    """Keeps scores by (context, mu, seed) in an SQLite file that one process at a time has open.
 
-    The journal is a write-ahead log in exclusive locking mode: a second process is kept out from
-    the first read on, the operating system frees the lock even after SIGKILL, and no shared
-    memory is needed, so that the file may lie on a network drive. `synchronous = NORMAL`: a
-    commit survives the death of the process; a power cut may take the last commits (they are
-    evaluated again) but never corrupts the file. The log is small (half a megabyte), and it is
-    gone once the store is closed.
+    It uses a write-ahead log in exclusive locking mode. The operating system frees the lock even
+    after SIGKILL, and no shared memory is needed, so that the file may be on a network drive. With
+    `synchronous = NORMAL`, a commit survives the death of the process. A power cut may lose the
+    last commits, which are then evaluated again, but it never corrupts the file. The log is small
+    (half a megabyte) and is removed when the store is closed.
 
     Args:
-        path: The file; it is created where there is none. Its folder must exist.
+        path: The file, which is created if it is missing. Its folder must exist.
 
     Raises:
         StoreError: If the file is not an evaluation store of this schema, is corrupt, or is open
-            elsewhere; it is left as it was. Every method raises it, too, where the file cannot be
+            elsewhere. It is left unchanged. Every method raises this error if the file cannot be
             read or written.
     """
 
@@ -114,7 +113,7 @@ class EvaluationStore:
         _open_stores.add(self)
 
     def is_in_place(self) -> bool:
-        """Whether the file is still the one that was opened, and was not removed or replaced."""
+        """Whether the file is still the one that was opened, not removed or replaced."""
         try:
             return self._on_disk() == self._identity
         except OSError:
@@ -181,7 +180,7 @@ class EvaluationStore:
             )
 
     def context(self, key: ApplicationKey) -> int:
-        """Return the number of an application in this store; a new one gets a new number.
+        """Return the number of an application in this store; a new application gets a new one.
 
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
@@ -211,7 +210,7 @@ class EvaluationStore:
         return int(row_id[0])
 
     def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> Floats:
-        """Return the stored scores, (n,) float64, NaN where nothing is stored.
+        """Return the stored scores, (n,) float64, with NaN for those that are not stored.
 
         Args:
             context: A number that `context` returned.
@@ -228,7 +227,7 @@ class EvaluationStore:
         return scores
 
     def invalid(self, context: int, mu: Mu, seeds: Sequence[int]) -> dict[int, str]:
-        """Return why worlds are invalid, by their place, where that is stored; see `lookup`."""
+        """Return the stored reasons of invalid worlds, by their row. Arguments as for `lookup`."""
         if not self._has_invalid:
             return {}
         with explained(self.path):
@@ -240,9 +239,9 @@ class EvaluationStore:
         return {i: reasons[key] for i, key in enumerate(keys) if key in reasons}
 
     def evaluations(self, context: int, seeds: Sequence[int]) -> Evaluations | None:
-        """Return the evaluations of n seeds; None where n is 0 or a seed is not stored.
+        """Return the evaluations of n seeds; None if n is 0 or a seed is not stored.
 
-        The order of evaluations that share a seed is not known. `context` is a number that the
+        The order of evaluations with the same seed is not known. `context` is a number that the
         method of that name returned.
         """
         query = "SELECT mu, score FROM evaluation WHERE context = ? AND seed = ? ORDER BY mu"
@@ -277,7 +276,7 @@ class EvaluationStore:
             mu: (n, d) float32.
             seeds: n evaluation seeds.
             scores: (n,) float64 in [0, 1].
-            invalid: Why some worlds are invalid, by their place.
+            invalid: The reasons of invalid worlds, by their row.
         """
         rows = zip(seeds, mu, scores, strict=True)
         with explained(self.path), self._connection:  # commits, or rolls back after an error
@@ -301,7 +300,7 @@ class EvaluationStore:
         return int(count)
 
     def close(self) -> None:
-        """Close the file; calling it twice is fine."""
+        """Close the file. May be repeated."""
         if os.getpid() == self._process:  # a forked copy would delete the log that we write to
             with explained(self.path):
                 self._own.close()

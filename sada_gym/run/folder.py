@@ -97,7 +97,7 @@ def write_samples(path: Path, samples: Evaluations) -> None:
 
 
 def read_samples(path: Path) -> Evaluations:
-    """Read a run's test samples, `samples.npz`; a FileError if they are damaged."""
+    """Read the test samples of a run, `samples.npz`; raises a FileError if they are damaged."""
     kinds = {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)}
     arrays = read_arrays(path, kinds, optional={"invalid": ("b1", 1)})
     counts = {name: len(array) for name, array in arrays.items()}

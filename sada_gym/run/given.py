@@ -21,16 +21,16 @@ _SCHEME = "file://"
 
 
 class Given(Strict):
-    """What `attack` got as the environment, so that `Run.open` can make it again.
+    """The environment as it was given to `attack`, so that `Run.open` can make it again.
 
     Attributes:
-        by: The `id` of an environment, the text of a `toml` file, or `python`, where only the
-            program that made the application, or a keyword of the id, can make it again.
-        id: The environment's id; empty where there is none.
-        keywords: Those of the id; None where there is no id, and in runs of format 1, which did not
-            record them: they follow from the application's settings.
-        toml: The file's text; empty in runs of format 1, which recorded its place alone.
-        file: Where it lay, as a `file:` URI: paths in it start there.
+        by: `id` (by the environment's id), `toml` (by the text of the TOML file), or `python` (only
+            the program that made the application, or a keyword of the id, can make it again).
+        id: The environment's id; empty without one.
+        keywords: The keywords of the id; None without an id, and in runs of format 1, where they
+            follow from the application's settings.
+        toml: The text of the TOML file; empty in runs of format 1, which have only its path.
+        file: The path of the TOML file, as a `file:` URI; paths in it start there.
     """
 
     by: Literal["id", "toml", "python"]
@@ -41,7 +41,7 @@ class Given(Strict):
 
     @classmethod
     def of(cls, environment: str | Application, keywords: Mapping[str, Any]) -> Self:
-        """Record an environment as `attack` takes it."""
+        """Record the environment that is passed to `attack`."""
         if isinstance(environment, Application):
             return cls(by="python")
         if names_file(environment):
@@ -60,22 +60,22 @@ class Given(Strict):
 
     @property
     def path(self) -> Path:
-        """Where the TOML file lay."""
+        """The path of the TOML file."""
         return Path(os.fsdecode(unquote_to_bytes(self.file.removeprefix(_SCHEME))))
 
     @property
     def agent(self) -> str:
-        """The agent's name or file as it was given; empty where none was, or Python made it."""
+        """The agent's name or file as it was given; empty without one, or if made in Python."""
         given: Any = (self.keywords or {}).get("agent", "")
         with suppress(FileError):
             given = parse_toml(self.toml.encode(), self.path).get("agent", given)
         return given if isinstance(given, str) else ""
 
     def environment(self) -> str | Application:
-        """Return what opens it again: the id, the file while it is as it was, or its application.
+        """Return the id, the path of the TOML file if it is unchanged, or the application.
 
         Raises:
-            UserError: If the file's text describes no application any more.
+            UserError: If the text of the file no longer describes an application.
         """
         if self.by != "toml":
             return self.id

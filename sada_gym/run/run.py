@@ -46,14 +46,16 @@ from sada_gym.run.worlds import WORLDS_FILE, read_columns
 class Run:
     """A finished run; `print` shows its summary.
 
-    What later analyses write into the folder, `diagnosis` and `failures`, is read each time.
+    `diagnosis`, `failures` and `estimate` are read from the folder each time: later calls may write
+    them.
 
     Attributes:
         folder: The folder that `attack` wrote.
-        settings: What the run did.
-        given: What it attacked: an id, a TOML file, or an application made in Python.
+        settings: The settings of the run: experiment, label and versions of packages.
+        given: The environment as the caller gave it: an id, a TOML file, or an application.
         samples: The M test samples.
-        was_finished: Whether `attack` found it finished, and evaluated nothing.
+        was_finished: Whether the run was finished before, so that `attack` evaluated nothing.
+        kept: Keeps a temporary folder alive as long as the run.
     """
 
     folder: Path
@@ -65,7 +67,7 @@ class Run:
 
     @property
     def target(self) -> Target:
-        """What was attacked."""
+        """The track, the agent, the fooling threshold and the reference set."""
         return self.settings.experiment.target
 
     @property
@@ -75,14 +77,14 @@ class Run:
 
     @cached_property
     def result(self) -> RunReport:
-        """The figures of result.json; a FileError where it is damaged or of another version."""
+        """The contents of result.json. Raises a FileError if damaged or of another version."""
         return read_model(self.folder / RESULT_FILE, RunReport)
 
     @cached_property
     def queries(self) -> Evaluations | None:
-        """The training queries (Omega); None where run.sqlite does not hold all of them.
+        """The training queries (Omega); None if run.sqlite does not hold all of them.
 
-        A StoreError if another process has it open.
+        Raises a StoreError if another process has run.sqlite open.
         """
         count = self.settings.experiment.protocol.budget
         with suppress(FileError):
@@ -97,50 +99,50 @@ class Run:
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        """The weaknesses; None where there is no diagnosis, or it cannot be read."""
+        """The diagnosis with its weaknesses; None if there is none, or it cannot be read."""
         return diagnosed_before(self.folder)
 
     @property
     def failures(self) -> Failures | None:
-        """The failures among the samples; None where none are listed, or they cannot be read."""
+        """The failures among the samples; None if there are none, or they cannot be read."""
         return listed_before(self.folder)
 
     @property
     def estimate(self) -> FailureEstimate | None:
-        """How likely the agent fails in ordinary use; None where `estimate` did not say it."""
+        """The result of `estimate`, if it was called for this run; otherwise None."""
         return estimated_before(self.folder)
 
     @property
     def parameters(self) -> ParameterSpace | None:
-        """The parameters; None where worlds.json does not name them."""
+        """The parameters; None if worlds.json does not name them."""
         columns = read_columns(self.folder)
         return None if columns is None else columns.space
 
     @property
     def html(self) -> Path | None:
-        """report.html; None where there is none."""
+        """The path of report.html; None if there is none."""
         path = self.folder / REPORT_FILE
         return path if path.is_file() else None
 
     @property
     def pictures(self) -> tuple[Path, ...]:
-        """The pictures."""
+        """The paths of the pictures."""
         return tuple(sorted(self.folder.glob("*.png")))
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The report and the pictures."""
+        """The paths of the report and of the pictures."""
         return (*(() if self.html is None else (self.html,)), *self.pictures)
 
     @property
     def adversary_folder(self) -> Path:
-        """Where the trained adversary is saved."""
+        """The folder of the trained adversary."""
         return self.folder / ADVERSARY_FOLDER
 
     def worlds(self) -> Any:
-        """Return worlds.csv, the samples and queries in physical units, as a table.
+        """Return worlds.csv, the samples and queries in physical units.
 
-        That is a pandas DataFrame where pandas is installed, and else a list of dictionaries.
+        It is a pandas DataFrame if pandas is installed, otherwise a list of dictionaries.
 
         Raises:
             FileError: If the folder has no worlds.csv.
@@ -167,12 +169,12 @@ class Run:
         """Open what the run attacked, and check that it is the same application and agent.
 
         Args:
-            application: The application, an environment's id or a TOML file, where the run cannot
-                say it: what was made in Python has to be handed over.
+            application: The application, an environment's id or a TOML file. It is only needed for
+                an application that was made in Python, which the run cannot record.
             workers: See `Workers`.
 
         Raises:
-            UserError: If it cannot be opened, or differs.
+            UserError: If it cannot be opened, or differs from what the run attacked.
         """
         if not isinstance(application, Application | str | None):
             raise UserTypeError(

@@ -59,8 +59,9 @@ class EntryResult:
     """One result of an entry.
 
     Attributes:
+        claimed: The figures that the entry claims.
         samples: The samples of each seed that has measures.
-        verified: What the verifier found of these very samples; None where it has not seen them.
+        verified: What the verifier found for these samples; None if it has not evaluated them.
     """
 
     claimed: Result
@@ -69,12 +70,12 @@ class EntryResult:
 
     @property
     def experiment(self) -> Experiment:
-        """What the result is of, without a seed."""
+        """The experiment of the result, without a seed."""
         return self.claimed.experiment
 
     @property
     def place(self) -> str:
-        """The result's place in its entry: `TRACK.AGENT.RULE`."""
+        """The name of the result in its entry: `TRACK.AGENT.RULE`."""
         return self.experiment.place
 
     @property
@@ -84,11 +85,11 @@ class EntryResult:
 
     @property
     def tier(self) -> Tier:
-        """How far the result was checked."""
+        """How far the result was checked: `claimed` or `verified`."""
         return "claimed" if self.verified is None else "verified"
 
     def with_seed(self, claims: SeedResult, samples: Evaluations | None) -> Self:
-        """Return the result with one more seed, or with other claims and samples of a seed."""
+        """Return the result with one more seed, or with new claims and samples for a seed."""
         seeds = {old.seed: old for old in self.claimed.seeds} | {claims.seed: claims}
         all_samples = {**self.samples, claims.seed: samples}
         return replace(
@@ -208,7 +209,7 @@ def _join(result: Result, samples: Samples, verified: Verified | None) -> EntryR
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """An entry of the leaderboard, with its results by place."""
+    """An entry of the leaderboard. `results` holds its results by `TRACK.AGENT.RULE`."""
 
     folder: Path
     metadata: EntryMetadata
@@ -216,24 +217,24 @@ class Entry:
 
     @property
     def adversary(self) -> AdversarySpec | None:
-        """The adversary, the same of all results; None where there are no results."""
+        """The adversary of all its results; None without results."""
         return next((r.experiment.adversary for r in self.results.values()), None)
 
     def keeping(self, wanted: Callable[[EntryResult], bool]) -> Entry:
-        """Return the entry with those of its results that are wanted."""
+        """Return the entry with only those results for which `wanted(result)` is true."""
         kept = {place: result for place, result in self.results.items() if wanted(result)}
         return replace(self, results=kept)
 
 
 def read_entry(folder: Path) -> Entry:
-    """Read an entry; `sada_gym.board.submission.checks` finds what is wrong with its contents."""
+    """Read an entry from its folder, without the checks of `check_entry`."""
     metadata, groups = read_metadata(folder), group_files(folder)
     results = {place: result for files in groups for place, result in files.read().items()}
     return Entry(folder, metadata, results)
 
 
 def read_entries(folder: Path) -> list[Entry]:
-    """Read all entries of a folder, by name; hidden folders are left out."""
+    """Read all entries in a folder, sorted by name; hidden folders are skipped."""
     with file_errors("read", folder):
         folders = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     return [read_entry(path) for path in folders if path.is_dir()]

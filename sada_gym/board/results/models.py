@@ -48,15 +48,18 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class EntryMetadata(Strict):
-    """Who made an entry, and what it is called: entry.toml.
+    """The metadata of an entry, stored in entry.toml.
 
     Attributes:
         name: The name of the entry and of its folder: small letters, digits and `- + . _`.
-        title: What the board calls it; empty takes the name.
-        licence: The licence of its data, as SPDX names it.
-        command: How the results are made; empty takes the command of the first run.
+        title: Its name on the leaderboard; empty takes `name`.
+        authors: The names of its authors.
+        licence: The licence of its data, as an SPDX name such as `CC-BY-4.0`.
+        paper: The address of its paper, or empty.
+        repository: The address of its code, or empty.
+        command: The command that makes the results; empty takes that of the first run.
         description: What the adversary does, in a sentence.
-        date: When it was submitted, as 2026-11-28.
+        date: When it was submitted, such as 2026-11-28.
     """
 
     format: int = Field(default=FORMAT, ge=FORMAT, le=FORMAT)
@@ -72,12 +75,15 @@ class EntryMetadata(Strict):
 
 
 class SeedResult(Strict):
-    """What a result claims of one seed.
+    """The claims of a result for one seed.
 
     Attributes:
-        error: Why the adversary could not do its work; None where it did.
+        queries: The number of training queries that were spent.
+        error: The message of an `AdversaryError`; None without an error.
         measures: The measures of the test samples; None after an error.
-        search: What the training queries found; None where they are not known.
+        search: What the training queries found; None if the queries are not known.
+        flags: Warnings, such as that no training query fooled.
+        packages: Versions of the packages in use.
     """
 
     seed: int = Field(ge=0, lt=2**63)
@@ -90,7 +96,7 @@ class SeedResult(Strict):
 
     @classmethod
     def of(cls, report: RunReport | RunFailure) -> Self:
-        """Return what a run claims."""
+        """Return the claims of a run."""
         settings = report.settings
         if isinstance(report, RunFailure):
             # an adversary of a user's own may raise with any text
@@ -108,7 +114,7 @@ class SeedResult(Strict):
 
 
 class Result(Strict):
-    """What an entry claims of one experiment without a seed, seed by seed in ascending order."""
+    """The claims of an entry for one experiment: `seeds` lists them by ascending seed."""
 
     experiment: Experiment
     sha256: Sha256
@@ -116,9 +122,9 @@ class Result(Strict):
 
     @classmethod
     def make(cls, experiment: Experiment, seeds: Iterable[SeedResult]) -> Self:
-        """Make the result of an experiment, whatever its seed is; seeds may come in any order.
+        """Make the result of an experiment, whose seed is ignored; `seeds` may have any order.
 
-        A name that is too long or not printable is a UserError.
+        Raises a UserError if a name is too long or not printable.
         """
         experiment = experiment.at(None)
         ordered = sorted(seeds, key=lambda claims: claims.seed)
@@ -163,20 +169,21 @@ class ClaimedResults(Strict):
 
 
 class VerifiedSeed(Strict):
-    """A seed's measures on fresh evaluation seeds; without novelty, which needs the queries."""
+    """The measures of a seed on fresh evaluation seeds, without novelty: that needs the queries."""
 
     seed: int
     measures: Measures
 
 
 class Verified(Strict):
-    """What the verifier found of a result.
+    """What the verifier found for a result.
 
     Attributes:
-        samples_sha256: The SHA-256 of its samples; with other samples it counts no longer.
-        salt: The names that went into the fresh evaluation seeds: of the entry, and of the result.
-        nonce: What made the evaluation seeds fresh.
-        flags: What speaks against the result, each by its name and a sentence.
+        samples_sha256: The SHA-256 of the samples. For other samples the findings do not hold.
+        salt: The names of the entry and of the result, which the fresh evaluation seeds depend on.
+        nonce: The secret text that the fresh evaluation seeds depend on, published afterwards.
+        seeds: The measures of each seed on fresh evaluation seeds.
+        flags: What speaks against the result: the name of each flag, and a sentence.
     """
 
     sha256: Sha256
@@ -196,7 +203,7 @@ class Verified(Strict):
         seeds: Iterable[VerifiedSeed] = (),
         flags: Mapping[str, str] | None = None,
     ) -> Self:
-        """Record findings with the digests of the experiment and the samples that they are of."""
+        """Make the record of findings, with the digests of the result and its samples."""
         return cls(
             sha256=claimed.sha256,
             samples_sha256=samples_sha256(samples),

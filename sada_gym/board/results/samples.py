@@ -48,7 +48,7 @@ def samples_bytes(results: Mapping[str, Samples]) -> bytes:
 
 
 def samples_sha256(samples: Samples) -> str:
-    """Return the SHA-256 of samples: of each seed, its mu, scores and evaluation seeds."""
+    """Return the SHA-256 of samples: the mu, scores and evaluation seeds of each seed."""
     digest = hashlib.sha256()
     for seed in sorted(samples):
         rows = samples[seed]
@@ -59,7 +59,7 @@ def samples_sha256(samples: Samples) -> str:
 
 
 def read_samples(path: Path) -> dict[str, dict[int, Evaluations]]:
-    """Read the samples of results, by place and seed; a FileError if the file holds others."""
+    """Read samples by `TRACK.AGENT.RULE` and seed; raises a FileError if the file is damaged."""
     return {
         place: _unpack(path, shown(place), **arrays)
         for place, arrays in read_array_groups(path, _KINDS).items()

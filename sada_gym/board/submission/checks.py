@@ -45,10 +45,10 @@ _NO_EDITING = "Do not edit claims; make the entry again"
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
-    """Check an entry without evaluating anything; a UserError names the first fault.
+    """Check an entry without evaluating anything. A UserError names the first fault.
 
-    A submission must be of today's tracks, name its authors and its licence, have the seeds 0, 1
-    and so on, and hold nothing verified. An entry that was accepted earlier may be outdated.
+    A submission must be made on the current tracks, name its authors and its licence, have the
+    seeds 0, 1 and so on, and hold nothing verified. An accepted entry may differ in all of that.
     """
     folder = as_path(folder, "an entry")
     groups = [GroupFiles(folder, group) for group in check_files(folder, submission=submission)]
@@ -57,9 +57,9 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
 
 
 def find_outdated(experiment: Experiment) -> str | None:
-    """Say what of a result's track, agent, rule or options has changed since; None if nothing.
+    """Say what has changed since in a result's track, agent, rule or options; None if nothing.
 
-    An outdated result is not wrong, but it no longer compares with others.
+    An outdated result is not wrong, but it cannot be compared with current ones.
     """
     target, rule = experiment.target, experiment.protocol.rule
     try:

@@ -52,7 +52,7 @@ MAX_ARRAY_BYTES = 2**26  #: The most bytes of a file of samples.
 
 
 def make_metadata(**fields: Any) -> EntryMetadata:
-    """Say who submits an entry and what it is called, by `EntryMetadata`, or raise a UserError."""
+    """Make the metadata of an entry from the fields of `EntryMetadata`, or raise a UserError."""
     fields["authors"] = tuple(_as_list(fields.get("authors", ()), "authors"))
     try:
         return EntryMetadata(**fields)
@@ -70,19 +70,19 @@ def submit(
     out: str | Path = ENTRIES,
     replace: bool = False,
 ) -> Entry:
-    """Make an entry of runs, check it, and put it in place.
+    """Make an entry from runs, check it, and write it into the folder of entries.
 
     Args:
-        runs: Folders that `attack` wrote, of several seeds and tracks, or entries' folders, such as
-            a benchmark makes. All are of one adversary with one preset and one set of options.
+        runs: Folders that `attack` wrote, for several seeds and tracks, or folders of entries, such
+            as a benchmark makes. All must have the same adversary, preset and options.
         metadata: See `make_metadata`.
-        rule: The rule for the budget. None takes `paper-budgets` for runs, and all of an entry.
-        out: The folder of the entries. The results join an existing entry of that name.
+        rule: The rule for the budget. None: `paper-budgets` for runs, and all rules for an entry.
+        out: The folder of entries. If it has an entry of this name, the results are added to it.
         replace: Whether to replace results that the entry already has.
 
     Raises:
-        UserError: If a run cannot take part, or the entry does not pass `check_entry`. Nothing is
-            changed then.
+        UserError: If a run cannot be submitted, or the entry does not pass `check_entry`. Then
+            nothing is changed.
     """
     fragments = [
         fragment
@@ -110,28 +110,28 @@ def submit_samples(
     replace: bool = False,
     on_progress: OnProgress = ignore_progress,
 ) -> Entry:
-    """Make an entry of samples that any program found, and put it in place.
+    """Make an entry from samples that any program found, and write it into the folder of entries.
 
-    Each array is evaluated once, on the test seeds of its seed, and so are as many ideal samples
-    where there is a reference set.
+    Each array is evaluated once, on the test seeds of its seed. If there is a reference set, as
+    many ideal samples are evaluated too.
 
     Args:
         samples: For each seed 0, 1, ... the M samples, (M, d) in [-1, 1], or an NPY file of them.
         metadata: See `make_metadata`.
         track: The environment's id.
-        adversary: What its authors call the adversary.
+        adversary: The adversary's name.
         queries: The number of training queries that each seed spent.
         agent: The agent's name; None takes the default one.
-        options: The adversary's options, for readers.
+        options: The adversary's options, as information for readers.
         rule: The rule for the budget.
-        workers: 1 evaluates in this process, more evaluate in as many others.
-        out: See `submit`, also for the next.
+        workers: 1 evaluates in this process, more start that many worker processes.
+        out: The folder of entries, see `submit`.
         replace: Whether to replace results that the entry already has.
-        on_progress: Called as evaluations are done.
+        on_progress: Called with a `RunProgress` while evaluations are done.
 
     Raises:
-        UserError: If an argument is bad, or the entry does not pass `check_entry`. Nothing is
-            changed then.
+        UserError: If an argument is bad, or the entry does not pass `check_entry`. Then nothing is
+            changed.
     """
     given = _as_list(samples, "samples")
     if not 1 <= len(given) <= MAX_SEEDS:

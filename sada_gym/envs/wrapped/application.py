@@ -112,8 +112,8 @@ class GymnasiumApplication(EpisodePictures):
             reaches 100,000 steps then breaks.
         env_kwargs: The keywords that every environment gets.
         name: The application's name in reports; by default the environment's.
-        agent_id: Names the agent in evaluation stores, together with all your functions: change it
-            whenever you change one of them. SB3 models are identified by a hash of their weights.
+        agent_id: Names the agent where scores are stored, together with all your functions: change
+            it whenever you change one of them. SB3 models have a hash of their weights instead.
         allow_pickle: Whether files may be unpickled. This can run code: allow only your own files.
         vec_normalize: The `VecNormalize` that the agent was trained with, or its file, a pickle. A
             model that holds its training environment needs none. False: the agent was trained

@@ -34,9 +34,9 @@ class StressEnv(gym.Env[Any, Floats32]):
     """An environment for an adversary that disturbs the agent in each step of an episode.
 
     ## Description
-    A step is one step of the agent. The action says how strong each disturbance is in it. The
-    reward is that of adaptive stress testing (Lee et al. 2015; Koren et al. 2018): the likeliest
-    way into a failure has the greatest return.
+    A step is one step of the agent. The action says how strong each disturbance is in this step.
+    The reward is that of adaptive stress testing (Lee et al. 2015; Koren et al. 2018): the
+    likeliest way into a failure has the greatest return.
 
     ## Action Space
     `Box(-1, 1, (k,), float32)`: mu of each of the k parameters of the application in this step.
@@ -47,27 +47,26 @@ class StressEnv(gym.Env[Any, Floats32]):
     The agent's own, or what `state` returns.
 
     ## Rewards
-    In each step the logarithm of the disturbances' density, less its greatest value: 0 or below,
-    and 0 for parameters without a density. At the end of an episode without a failure, less `miss`
+    In each step: the logarithm of the disturbances' density minus its greatest value, so at most 0,
+    and 0 for parameters without a density. At the end of an episode without a failure: minus `miss`
     times (Q - threshold). `info` holds the parts: `log_likelihood`, and `miss_distance` at the end.
 
     ## Starting State
     A new world of the application, by its seed.
 
     ## Episode End
-    Terminated when the episode of the agent ends; `info` then has `score`, `fooled`, `seed` and
-    `invalid`, why the world broke, and `requirements` where there are several. The worlds of
-    failures are kept in `failures`; steps after their end are as in ordinary use.
+    Terminated when the episode of the agent ends; `info` then has `score`, `fooled`, `seed`,
+    `invalid` (why the world broke), and `requirements` if there are several. The attribute
+    `failures` keeps the worlds of failures; steps after their end are as in ordinary use.
 
     ## Arguments
     - `application`: its parameters must be able to change in each step, and must have no knots.
-    - `actions="mu"`: what an action means.
+    - `actions="mu"`: what an action means, see Action Space.
     - `state=None`: a function of `env.unwrapped` that returns numbers to observe.
     - `miss=1000.0`: the weight of the distance by which an episode misses a failure.
 
-    Attributes:
-        application: The application with a knot a step, in which a kept world is a world like any
-            other: `application.replay(failures.mu[0], int(failures.seed[0]))`.
+    The attribute `application` is the same application with a knot for each step. It can evaluate
+    and replay the worlds of failures: `application.replay(failures.mu[0], int(failures.seed[0]))`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
