@@ -32,22 +32,22 @@ BROKEN: tuple[Change, ...] = ("regressed", "new failure")
 
 
 class Decision(Strict):
-    """What a comparison comes to.
+    """Whether an agent passed, and the figures behind it.
 
     Attributes:
         status: `passed`, `failed` or `inconclusive`.
-        reason: Why, in a sentence.
+        reason: The reason, in a sentence.
         worlds: How many worlds could be compared.
-        broken: Worlds that passed before and fail now.
-        fixed: Worlds that failed before and pass now.
-        p_worse: McNemar's exact one-sided p-value: such a surplus of broken worlds by chance.
+        broken: How many worlds passed before and fail now.
+        fixed: How many worlds failed before and pass now.
+        p_worse: McNemar's exact one-sided p-value of such a surplus of broken worlds.
         p_better: The same for fixed worlds.
-        increase: The rate of failing worlds now, less that before.
-        at_most: The upper end of that increase at 95 % confidence.
-        margin: The greatest increase that is tolerated; None if none was given.
-        more: How many more worlds a decision would take at least: worlds with a changed verdict, or
-            with a margin any worlds. None where it is decided, or no number would do.
-        repeats: How many suites of this size would decide at these rates, this one among them.
+        increase: The rate of failing worlds now, minus the rate before.
+        at_most: The upper end of this increase at 95 % confidence.
+        margin: The largest increase that is tolerated; None if none was given.
+        more: At least how many more worlds a decision needs (without a margin: worlds whose verdict
+            changed). None if it is decided, or if no number would be enough.
+        repeats: How many suites of this size, including this one, would be enough for a decision.
     """
 
     status: Status
@@ -106,22 +106,22 @@ def decide(
 ) -> Decision:
     """Decide whether an agent passes.
 
-    McNemar's test in its exact form (1947): if nothing is worse, a world with a changed verdict is
-    as likely fixed as broken. Without a margin, an agent fails where significantly more worlds
-    broke than were fixed, and passes where the opposite holds or none broke. With a margin
-    it passes where the increase of failing worlds is below the margin at 95 % confidence
+    The test is McNemar's (1947) in its exact form: if nothing is worse, a world whose verdict
+    changed is as likely fixed as broken. Without a margin, an agent fails if significantly more
+    worlds broke than were fixed, and passes if the opposite holds or none broke. With a margin, it
+    passes if the increase of failing worlds is below the margin at 95 % confidence
     (non-inferiority). The bound is exact and conservative: it joins two Clopper-Pearson bounds.
 
-    Worlds that were chosen by the results that they are compared with regress to the mean: some
-    controls of a noisy agent were lucky. Those that were tried and were not lucky are left out of
-    the suite; each counts as if it had changed back.
+    The suite's worlds were chosen by their results, so with a noisy agent some results change by
+    chance (regression to the mean). `unlucky` corrects for this: a world that was tried but left
+    out of the suite counts as a change in the other direction.
 
     Args:
-        changes: What became of each world.
-        margin: The greatest tolerated increase of the rate of failing worlds.
-        unchanged: Whether the agent is the one that it is compared with.
-        alarm: The risk of failing an agent that is no worse.
-        unlucky: How many worlds were tried as controls and failed, and as failures and passed.
+        changes: The `change` of each world, see `CaseResult`.
+        margin: The largest tolerated increase of the rate of failing worlds.
+        unchanged: Whether the agent is the same as the one it is compared with.
+        alarm: The accepted risk of failing an agent that is not worse.
+        unlucky: How many worlds were tried as controls but failed, and as failures but passed.
 
     Raises:
         UserError: If no world can be compared.

@@ -47,15 +47,16 @@ EXIT_CODES: Mapping[str, int] = {"passed": 0, "failed": 1, "inconclusive": 3}
 
 
 class CaseResult(Strict):
-    """What became of a world of the suite.
+    """The results in one world of the suite.
 
     Attributes:
         case: The world.
-        before: Its result before: of the baseline, or as the suite expects it; None where the world
-            is invalid.
-        now: Its result with the agent.
+        before: `pass` or `fail`: the baseline's result, or the one that the suite expects; None if
+            the world is invalid.
+        now: The agent's result.
+        change: `fixed`, `regressed`, `new failure`, `still fails`, `still passes`, `not comparable`.
         scores: The agent's scores, one for each seed.
-        invalid: The number of seeds with which the world broke.
+        invalid: The number of seeds with which the world is invalid.
     """
 
     case: Case
@@ -67,20 +68,20 @@ class CaseResult(Strict):
 
 
 class Regression(Strict):
-    """A suite's result with an agent.
+    """The result of `regress`.
 
     Attributes:
         suite: The suite's file.
-        agent: What was tested.
-        baseline: What it was compared with; None where that is what the suite expects.
-        differences: What is not as it was when the suite was exported.
-        groups: What the worlds of each distinct failure share; the last are the ordinary worlds.
-        suite_agent: The agent that the suite was exported of.
-        failing: Where the score has several requirements, which ones the agent fails in the worlds
-            that fail now.
-        ordinary: What the ordinary worlds alone say, which `decision` considers; None where an old
-            suite holds none.
-        likely: How likely a failure is in ordinary use, where `max_probability` asks for it.
+        suite_agent: The agent that the suite was exported from.
+        agent: The agent that was tested.
+        baseline: The agent it was compared with; None if with the results that the suite expects.
+        decision: Whether the agent passed, and why.
+        ordinary: The decision by the ordinary worlds alone, if any; `decision` includes it.
+        likely: How likely a failure is in ordinary use, if `max_probability` was given.
+        differences: What has changed since the suite was exported, such as versions.
+        groups: What the worlds of each distinct failure have in common; last the ordinary worlds.
+        worlds: The results in each world.
+        failing: If the score has several requirements: which ones the agent fails now.
     """
 
     suite: str
@@ -98,17 +99,17 @@ class Regression(Strict):
 
     @property
     def exit_code(self) -> int:
-        """0 where the agent passed, 1 where it failed, 3 where the suite cannot tell."""
+        """0 if the agent passed, 1 if it failed, 3 if the suite cannot tell."""
         return EXIT_CODES[self.decision.status]
 
     @property
     def compared_with(self) -> str:
-        """What the agent was compared with, in words."""
+        """The baseline, in words."""
         made = f" (made with {self.suite_agent})" if self.suite_agent else ""
         return f"what the suite expects{made}" if self.baseline is None else self.baseline
 
     def counts(self, *, ordinary: bool = False) -> dict[Change, int]:
-        """Count the worlds, or the ordinary ones alone, by what became of them: what occurs."""
+        """Count the worlds, or only the ordinary ones, by their `change`, without zeros."""
         changes = [
             world.change
             for world in self.worlds
@@ -134,18 +135,19 @@ def regress(
     """Score an agent in the worlds of a suite, and compare it on the same worlds and seeds.
 
     Args:
-        suite: What `export` wrote: a .json file, or the folder of `suite.json`.
-        agent: A shipped agent's name, an agent's file, a `tcp://` address or `module:object`, as
-            the application takes it; or the application itself, with the agent in it.
-        baseline: What to compare it with, of the same kinds; None takes what the suite expects.
-        margin: The greatest tolerated increase of the rate of failing worlds, see `decide`.
+        suite: The suite that `export` wrote: a .json file, or the folder of `suite.json`.
+        agent: The agent to test: a shipped agent's name, an agent's file, a `tcp://` address or
+            `module:object`, as the application takes it; or the application with the agent in it.
+        baseline: Another agent to compare with, given like `agent`. None compares with the results
+            that the suite expects.
+        margin: The largest tolerated increase of the rate of failing worlds, see `decide`.
         max_failing: How many worlds may fail.
         require_fixed: The share of the known failures that must be fixed.
-        max_probability: How likely a failure in ordinary use may be, by its 95 % interval. The
-            application must know its density.
-        budget: The number of evaluations for that, see `estimate`.
+        max_probability: The largest tolerated probability of a failure in ordinary use: the 95 %
+            interval must lie below it. The application must know its density.
+        budget: The number of evaluations for that probability, see `estimate`.
         workers: See `Workers`.
-        store: Keeps the scores, so that a stopped call continues where it was.
+        store: A file that keeps the scores, so that a stopped call continues where it was.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:

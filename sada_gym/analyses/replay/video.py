@@ -47,8 +47,8 @@ class ReplayedSample:
 
     Attributes:
         sample: Its row in samples.npz, from 0.
-        score: Its Q; `stored` is the one that the run stored.
-        endings: How each shot ends, such as `left its lane after 6.2 s`.
+        score: Its Q now; `stored` is the Q in the run's files.
+        endings: How each episode shown ends, such as `left its lane after 6.2 s`.
     """
 
     sample: int
@@ -61,12 +61,12 @@ class ReplayedSample:
 
 @dataclass(frozen=True)
 class Video:
-    """Samples of a run, played again.
+    """The video of samples that were played again.
 
     Attributes:
-        frames: (height, width, 3) uint8 each, shown for `times_s`.
-        samples: What it shows, in this order.
-        path: The file that it was written to, if any, of `size` bytes.
+        frames: The frames, (height, width, 3) uint8. `times_s` says how long each is shown.
+        samples: The samples that it shows, in this order.
+        path: The file that was written, if any, of `size` bytes.
     """
 
     frames: tuple[Frame, ...]
@@ -77,7 +77,7 @@ class Video:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """How long the video takes."""
         return sum(self.times_s)
 
 
@@ -93,25 +93,25 @@ def replay(
 ) -> Video:
     """Play samples of a run again, and write them as a video.
 
-    Each sample's score must be the one that the run stored. A video shows how episodes end: a
-    failure stands for 1.5 s with its reason. Where an episode is a single image, the video goes
-    from the nominal world to the sample's.
+    Each sample must get the score that the run stored. The last frame of a failure stays for 1.5 s,
+    with the reason. If an episode is a single image, the video goes from the nominal world to the
+    world of the sample.
 
     Args:
         run: A run, or its folder.
         worst: How many of the samples with the lowest scores to show; None shows one.
-        sample: Shows one sample instead: its row in samples.npz, from 0.
-        out: The file to write, `.gif` or `.mp4`; None writes none.
+        sample: The row of one sample in samples.npz, from 0, to show instead.
+        out: The file to write, `.gif` or `.mp4`; None writes no file.
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
-            opens what the run's settings name.
-        seconds: The length of a sample, about. A longer episode shows its end, and several failures
-            share the time. With 1.5 s for each ending the video gets a little longer.
-        on_progress: Gets `open`, `play` or `write`, how many samples are done, and their number.
+            opens what the run records.
+        seconds: About how many seconds to show of each sample. Of a longer episode only the end is
+            shown. If several episodes of a sample fail, they share this time.
+        on_progress: Called with `open`, `play` or `write`, the samples done, and their number.
 
     Raises:
         UserError: If an argument is bad, the application is another one, or a score differs.
         FileError: If the folder holds no finished run, or the video cannot be written.
-        MissingExtra: If an MP4 is asked for and imageio-ffmpeg is not installed.
+        MissingExtra: If an MP4 is wanted but imageio-ffmpeg is not installed.
     """
     path = None if out is None else _check_out(out)
     finished = as_run(run)

@@ -70,22 +70,22 @@ def report(
 ) -> Path:
     """Write the report of a run, or of two runs side by side, and return its path.
 
-    worlds.csv is written again, too. Two runs may be of one agent under two adversaries, or of two
-    agents in the same kind of worlds. The same runs give the same bytes.
+    It also rewrites worlds.csv. Two runs can be of one agent with two adversaries, or of two agents
+    in the same kind of worlds. The same runs give the same bytes.
 
     Args:
         run: A run, or its folder.
-        other: A second one.
-        out: The file to write; None takes RUN/report.html, and RUN/report-OTHER.html for two. With
-            a name that ends in .png, a picture of the first screen, if Chromium is installed.
+        other: A second run to compare with, or its folder.
+        out: The file to write; None takes RUN/report.html, or RUN/report-OTHER.html for two runs. A
+            name that ends in .png gives a picture of the first screen, if Chromium is installed.
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
-            opens what the run names, if it is needed and can be.
-        pictures: How many worlds to draw beside those of the first screen; None draws as many as
-            an attack does. They are kept in thumbnails.zip.
-        on_progress: Called after each picture that is drawn, with their numbers so far and in all.
+            opens what the run records, if that is possible and pictures are missing.
+        pictures: How many worlds to draw in addition to those on the first screen; None draws as
+            many as an attack does. They are kept in thumbnails.zip.
+        on_progress: Called after each new picture, with the numbers of pictures so far and in all.
 
     Raises:
-        UserError: If an argument is bad, or the application is another one.
+        UserError: If an argument is bad, or the application is not the one that was attacked.
         FileError: If a folder holds no finished run, or the report cannot be written.
     """
     if pictures is not None:
