@@ -54,7 +54,7 @@ class CaseResult(Strict):
         before: `pass` or `fail`: the baseline's result, or the one that the suite expects; None if
             the world is invalid.
         now: The agent's result.
-        change: `fixed`, `regressed`, `new failure`, `still fails`, `still passes`, `not comparable`.
+        change: One of fixed, regressed, new failure, still fails, still passes, not comparable.
         scores: The agent's scores, one for each seed.
         invalid: The number of seeds with which the world is invalid.
     """

@@ -34,13 +34,13 @@ _DENSITY = ((0.0, "#4a7ab5"), (0.5, "#f7f7f7"), (0.75, "#d1622a"), (1.0, "#5c1a0
 
 @dataclass(frozen=True)
 class Curve:
-    """An anytime curve.
+    """What a search had found after each number of queries.
 
     Attributes:
-        labels: The adversaries whose queries were these.
-        queries: (n,) queries spent.
-        found: (n,) distinct fooling points among them.
-        coverage: (n,) share of the fooling set that these cover; None without a reference set.
+        labels: The adversaries that made these queries.
+        queries: (n,) numbers of queries spent.
+        found: (n,) numbers of distinct fooling points among them.
+        coverage: (n,) shares of the fooling set that they cover; None without a reference set.
     """
 
     labels: tuple[str, ...]
@@ -51,7 +51,7 @@ class Curve:
 
 @own_style()
 def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
-    """Draw what the queries found, and how much of the fooling set that covers.
+    """Draw what queries found, and how much of the fooling set this covers, against their number.
 
     Args:
         curves: A curve for each set of queries.
@@ -99,10 +99,10 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
 def marginal_strips(
     space: ParameterSpace, samples: Mapping[str, Mu], fooling_set: Mu | None, title: str
 ) -> Figure:
-    """Draw how each adversary's samples spread over each parameter, as strips of colour.
+    """Draw how the samples of each adversary spread over each parameter, as coloured strips.
 
     Args:
-        space: The d parameters, of which the first 16 are drawn.
+        space: The d parameters; the first 16 are drawn.
         samples: The samples of each adversary, (n, d).
         fooling_set: Points known to fool, (m, d), drawn as the first strip; None for none.
         title: The line above the chart.
@@ -163,10 +163,11 @@ NOVELTY_PANELS = {
 
 @own_style()
 def novelty_ratios(adversaries: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> Figure:
-    """Draw each adversary's novelty over that of ideal samples: a dot a run, a bar the mean.
+    """Draw the novelty of each adversary divided by that of ideal samples; bars are means of runs.
 
     Args:
-        adversaries: The ratios of each run by adversary, at least one, and by `NOVELTY_PANELS`.
+        adversaries: The ratios of each run by adversary, at least one, and by measure:
+            `novelty_ratio`, `novelty_fifth_ratio`, `image_novelty_ratio`.
         title: The line above the chart.
     """
     values_of = {

@@ -16,7 +16,7 @@ from sada_gym.board.results.sheet import (
 )
 
 RowCell = Callable[[Row, int], Cell]
-"""Makes a row's cell, with as many decimal places where it is in per cent."""
+"""Makes a row's cell, with this number of decimal places if it is in per cent."""
 
 
 def _runs(row: Row, _: int) -> Cell:
@@ -76,20 +76,20 @@ _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
     ),
 )
 COLUMNS = {column.key: (column, cell) for column, cell in _COLUMNS}
-"""Each column of rows with what makes its cells, by its key."""
+"""The columns of rows by key, each with the function that makes its cells."""
 
 
 def row_columns(*keys: str) -> tuple[Column, ...]:
-    """List columns by their keys."""
+    """Return the columns with these keys."""
     return tuple(COLUMNS[key][0] for key in keys)
 
 
 def row_cells(row: Row, keys: Sequence[str], places: int = 1) -> dict[str, Cell]:
-    """Return a row's cells by their columns' keys.
+    """Return the cells of a row by the keys of their columns.
 
     Args:
         row: The row.
-        keys: The columns; those that are not of rows are left out.
-        places: The decimal places of what is shown in per cent.
+        keys: The keys of the columns. Keys of other tables are ignored.
+        places: The decimal places of rates in per cent.
     """
     return {key: COLUMNS[key][1](row, places) for key in keys if key in COLUMNS}

@@ -24,11 +24,11 @@ _RESAMPLES = 10_000
 
 
 class Figure(Strict):
-    """A figure of an adversary.
+    """A mean of an adversary, with its interval.
 
     Attributes:
         value: The mean over seeds, then over tracks.
-        interval_95: The mean's interval; None where single runs give none.
+        interval_95: The 95 % interval of the mean; None if single runs give none.
     """
 
     value: float
@@ -40,18 +40,18 @@ def figure(
 ) -> Figure | None:
     """Average runs over seeds, then over tracks, with a 95 % interval.
 
-    Where all tracks have as many seeds it is the bootstrap of
-    `sada_gym.measures.statistics.estimate`. Otherwise figures with `samples` or `draws` are
-    estimated so for each number of seeds and the intervals put together as those of a weighted sum
-    of independent estimates (Zou and Donner 2008: the distances from the estimate add up in
-    squares). Other figures get Student's interval, the variance between the seeds of a track pooled
-    over the tracks that have several.
+    If all tracks have the same number of seeds, the interval is the bootstrap of
+    `sada_gym.measures.statistics.estimate`. Otherwise, with `samples` or `draws`, each group of
+    tracks with one number of seeds gets such an interval, and these are combined as for a weighted
+    sum of independent estimates (Zou and Donner 2008: squared distances from the estimate add up).
+    Without `samples` and `draws` it is Student's interval; the variance between the seeds of a
+    track is pooled over tracks with several seeds.
 
     Args:
-        runs: One figure for each run.
-        samples: M of each track, where the figures are rates among M test samples.
-        draws: What each track's mean could have been with other test samples, for figures that
-            are no plain rates.
+        runs: One figure for each run, by track and then by seed.
+        samples: M of each track, if the figures are rates among M test samples.
+        draws: (tracks, resamples), the means of each track with redrawn test samples, for figures
+            that are not plain rates.
 
     Returns:
         The figure; None without runs.
@@ -80,14 +80,14 @@ def figure(
 
 
 def ranks_of(figures: Mapping[str, Figure], unranked: Collection[str]) -> dict[str, str]:
-    """Rank figures, higher being better; those whose difference is in doubt share a rank.
+    """Rank figures; higher is better. Those whose order is in doubt share a rank.
 
     Args:
         figures: The figures by name.
-        unranked: Names that get no rank and count for nobody's.
+        unranked: Names that get no rank and do not affect the ranks of others.
 
     Returns:
-        The ranks, `1` or shared `1=`, of those that have one; none where no figure has an interval.
+        The ranks by name, `1` or shared `1=`. It is empty if no figure has an interval.
     """
     intervals = {name: figure.interval_95 for name, figure in figures.items()}
     if not any(intervals.values()):
@@ -107,19 +107,19 @@ def _pooled(runs: Runs) -> Figure:
 
 
 def f1(afr: npt.ArrayLike, relative_coverage: npt.ArrayLike, ideal_afr: float = 1.0) -> Floats:
-    """Join the AFR and the relative coverage of samples by their harmonic mean.
+    """Return F1, the harmonic mean of the AFR and the relative coverage of samples.
 
-    AFR over that of ideal samples, at most 1, stands in for precision, and relative coverage for
-    recall; precision and recall of distributions are joined so (Sajjadi et al. 2018,
-    Kynkäänniemi et al. 2019). An adversary that is bad at either has a low F1.
+    The AFR divided by that of ideal samples (at most 1) takes the role of precision, and relative
+    coverage that of recall, as for generative models (Sajjadi et al. 2018, Kynkäänniemi et al.
+    2019). An adversary that is bad at either has a low F1.
 
     Args:
         afr: Attack fooling rates, of any shape.
-        relative_coverage: Coverages over that of ideal samples, of the same shape.
+        relative_coverage: Coverages divided by that of ideal samples, of the same shape.
         ideal_afr: The AFR of ideal samples on the track.
 
     Returns:
-        F1 of the same shape; 0 where both are 0.
+        F1, of the same shape; 0 if both are 0.
     """
     precision = np.minimum(np.asarray(afr, np.float64) / ideal_afr, 1.0)
     recall = np.asarray(relative_coverage, np.float64)
@@ -135,14 +135,14 @@ def f1_figure(
 ) -> Figure | None:
     """Average F1 over seeds, then over tracks, with a 95 % interval.
 
-    The interval is the bootstrap over seeds. Where a track has one seed, or seeds that differ no
-    more than test samples alone would make them, the test samples are drawn again instead: AFR from
-    its Jeffreys posterior, and coverage from that of a share of as many points as samples fooled.
+    The interval is the bootstrap over seeds. If a track has one seed, or its seeds differ no more
+    than by chance in the test samples, the test samples are redrawn instead: the AFR from its
+    Jeffreys posterior, and the coverage from that of a share among as many points as samples fool.
 
     Args:
-        runs: The measures of each track's runs; all with relative coverage.
+        runs: The measures of the runs of each track, all with relative coverage.
         samples: M of each track.
-        ideal_afr: The AFR of ideal samples by track; 1 where it is not known.
+        ideal_afr: The AFR of ideal samples by track; 1 if it is not known.
     """
     values, draws = [], []
     rng = np.random.default_rng(0)

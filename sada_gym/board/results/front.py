@@ -87,14 +87,14 @@ def family_of(label: str) -> Family:
 
 @dataclass(frozen=True)
 class Point:
-    """An adversary.
+    """An adversary in the chart.
 
     Attributes:
         front: Whether no other ranked adversary has both a higher AFR and a higher coverage.
-        x: Its place in pixels from the left; coverage grows to the right.
-        y: Its place in pixels from the top; the AFR grows upwards.
+        x: Its distance in pixels from the left; coverage grows to the right.
+        y: Its distance in pixels from the top; the AFR grows upwards.
         bars: The ends of its 95 % intervals, (x1, y1, x2, y2).
-        label_x: The middle of its label; so is `label_y`.
+        label_x: The middle of its label in pixels; `label_y` likewise.
     """
 
     row: Row
@@ -110,12 +110,12 @@ class Point:
 
 @dataclass(frozen=True)
 class FrontChart:
-    """The chart, laid out.
+    """The chart of AFR against coverage.
 
     Attributes:
-        front: Those on the front, from the highest AFR to the highest coverage.
-        end: The highest coverage that there is room for, as a share.
-        floor: The AFR at the lower end of the chart, as a share.
+        front: The points on the front, from the highest AFR to the highest coverage.
+        end: The highest coverage in the chart, from 0 to 1.
+        floor: The lowest AFR in the chart, from 0 to 1.
     """
 
     title: str
@@ -136,8 +136,8 @@ class FrontChart:
         """Return the chart as SVG.
 
         Args:
-            root: The way from a page to the site's root, for a chart within a page: its points then
-                lead to the entries, and the page's style sheet applies. None for a file.
+            root: For a chart within a page, the path from the page to the site's root: its points
+                then link to the entries, and the page's style sheet applies. None for a file.
         """
         size = f'viewBox="0 0 {WIDTH} {HEIGHT}"'
         if root is None:
@@ -184,7 +184,7 @@ class FrontChart:
 
 
 def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
-    """Lay out the adversaries that have both figures; None where fewer than two have."""
+    """Make the chart of the adversaries that have both figures; None for fewer than two."""
     shown = [
         (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage
     ]

@@ -1,7 +1,7 @@
-"""The attack fooling rates that the paper reports, of other agents in other worlds than ours.
+"""The attack fooling rates that the paper reports, for other agents and other worlds than ours.
 
 Hamdi, Mueller, Ghanem 2020, `sada.tex`: Table `tbl:all` (lines 269-281) and the appendix's
-Table `detector-table` (lines 671-683), as printed there, contradictions included.
+Table `detector-table` (lines 671-683), as printed there, including its contradictions.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ def _parse(printed: str, *columns: str) -> dict[str, Rates]:
 
 
 TABLE_1 = _parse(_TABLE_1, *(track or AVERAGE for track in TABLE_1_COLUMNS.values()))
-"""The rows of Table 1; a rate that is a dash in the paper is missing."""
+"""The rows of the paper's Table 1, without the rates that are a dash there."""
 
 CLASS_TABLE = _parse(_APPENDIX, *CLASS_COLUMNS.values(), AVERAGE, "mu_std")
-"""The rows of the appendix's table; `mu_std` is the samples' spread."""
+"""The rows of the table in the paper's appendix; `mu_std` is the spread of the samples."""
 
 ROWS: dict[str, str] = {
     FULL_SET: "Full Set",
@@ -95,8 +95,8 @@ ROWS: dict[str, str] = {
 
 
 def rates_of(table: Mapping[str, Rates], key: str) -> Mapping[str, float]:
-    """Return a column of `TABLE_1` or `CLASS_TABLE`, by the labels of our adversaries.
+    """Return a column of `TABLE_1` or `CLASS_TABLE`, by the labels of the shipped adversaries.
 
-    A column that the table lacks is empty.
+    It is empty if the table has no such column.
     """
     return {label: table[row][key] for label, row in ROWS.items() if key in table[row]}

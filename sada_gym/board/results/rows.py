@@ -20,13 +20,13 @@ T = TypeVar("T")
 
 
 class RunSummary(Strict):
-    """One run: a seed of a result, as tables show it.
+    """One run, which is one seed of a result, with what tables show of it.
 
     Attributes:
-        label: What reports call the adversary.
+        label: The adversary's name in reports.
         entry: The name of the entry.
         experiment: The experiment, with its seed.
-        claims: What the entry claims; in the verifier's tier its measures, and its flags too.
+        claims: The claims of the entry; for a verified result the verifier's measures and flags.
         control: Whether the adversary is a control, which has no rank.
         disqualified: Whether the verifier found a false claim, or constant or copied samples.
     """
@@ -50,27 +50,27 @@ class RunSummary(Strict):
 
 
 class Row(Strict):
-    """An adversary's figures in a table: on one track, or over all.
+    """A row of a table: the figures of an adversary on one track, or over several.
 
     Attributes:
-        label: What tables call the adversary.
+        label: The adversary's name in the table.
         entry: The name of its entry.
         control: Whether it is a control, which has no rank.
-        disqualified: Whether the verifier found what takes its rank on any of these tracks.
-        tracks: The number of tracks that it has runs on.
+        disqualified: Whether a flag of the verifier takes its rank on any of these tracks.
+        tracks: The number of tracks on which it has runs.
         runs: The number of its runs.
         failed: The number of further runs that ended with an error.
-        complete: Whether it has runs on all tracks that any adversary has, and none that failed.
-            Only then it is ranked.
-        rank: `1`, or shared `1=`, by F1; by AFR where a track has no coverage. None for controls,
-            and for what is incomplete or disqualified.
-        budget: The queries that it might spend. This figure and the next ones are means.
-        queries: The queries that it spent.
-        f1: How often its samples fool and how much they cover, joined; see `figures.f1`.
-            None where a track has no coverage.
-        afr: The attack fooling rate. See `Measures`, also for the next figures.
-        afr_iqm: Its interquartile mean over all runs.
-        means: Further means, such as `mu_std`, by name; None where no run has the measure.
+        complete: Whether it has runs on all tracks of the table, and none that failed. Only then it
+            is ranked.
+        rank: `1`, or shared `1=`, by F1; by AFR if a track has no coverage. None for controls, and
+            for incomplete or disqualified adversaries.
+        budget: The mean number of queries that it may spend.
+        queries: The mean number of queries that it spent.
+        f1: The mean F1 of AFR and coverage, see `f1`; None if a track has no coverage.
+        afr: The mean attack fooling rate.
+        afr_iqm: The interquartile mean of the attack fooling rate over all runs.
+        coverage: The mean coverage, see `Measures`; `relative_coverage` likewise.
+        means: Further means, such as `mu_std`, by name; None if no run has the measure.
     """
 
     label: str
@@ -93,7 +93,7 @@ class Row(Strict):
 
     @property
     def deciding(self) -> Figure | None:
-        """The figure that orders the table: F1, or the AFR where there is none."""
+        """The figure that orders the table: F1, or the AFR if there is no F1."""
         return self.f1 or self.afr
 
     @property
@@ -104,15 +104,14 @@ class Row(Strict):
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure that rows give: how it is read off a run and how tables show it.
+    """A measure in rows: how to get it from a run, and how tables show it.
 
     Attributes:
-        read: Reads it off a run's measures; None where the run has none.
-        title: The column's title; empty for no column.
-        places: Decimal places; None shows per cent.
+        read: Returns it from the measures of a run; None if the run does not have it.
+        title: The title of its column; empty for no column.
+        places: The number of decimal places; None shows per cent.
         hint: A sentence that explains it.
-        optional: Whether a table leaves the column out where no row has the measure; the legend
-            then explains it where one has.
+        optional: Whether a table omits the column if no row has this measure.
     """
 
     read: Callable[[Measures], float | None]
@@ -147,11 +146,11 @@ MEANS: Mapping[str, Measure] = {
 
 
 def rows_of_runs(runs: Sequence[RunSummary]) -> tuple[Row, ...]:
-    """Sum up runs of one table and agent, on one track or on several, with ranks.
+    """Return a row for each adversary from its runs on one or several tracks, with ranks.
 
-    Rows have a rank by F1. Where some track of the rows has no coverage, as without a reference
-    set, there is no F1, and the rank is by AFR. The AFR of ideal samples is that of the control
-    `ideal` on the track; without its runs it counts as 100 %.
+    Rows are ranked by F1. If a track has no coverage, as without a reference set, there is no F1,
+    and rows are ranked by AFR. The AFR of ideal samples is that of the control `ideal` on the
+    track, or 100 % without runs of `ideal`.
     """
     measured = [(run, run.measures) for run in runs if run.measures is not None]
     tracks = {run.track for run in runs}
@@ -222,10 +221,10 @@ def _ranked(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def front_of(rows: Iterable[Row]) -> dict[str, bool]:
-    """Say which entries no other one beats in both AFR and coverage.
+    """Find the entries that no other entry beats in both AFR and coverage.
 
     Returns:
-        Whether an entry is on the front, for each complete one with both figures; no controls.
+        By name, whether an entry is on this front: complete entries with both figures, no controls.
     """
     points = {
         row.entry: (row.afr.value, row.relative_coverage.value)

@@ -20,15 +20,15 @@ SHADES = 10
 
 @dataclass(frozen=True)
 class Column:
-    """A column.
+    """A column of a table.
 
     Attributes:
         key: Its name in the CSV and JSON files.
         title: Its title.
         hint: A sentence that explains it.
         numeric: Whether its cells are numbers.
-        choice: Whether the page offers to show the rows of one value alone.
-        blank: What Markdown shows where there is nothing.
+        choice: Whether the web page can filter the rows by its values.
+        blank: The text of empty cells in Markdown.
     """
 
     key: str
@@ -40,23 +40,23 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """The title as a page has it."""
+        """The title as web pages show it, with a capital."""
         return self.title if self.title.startswith("μ") else self.title[:1].upper() + self.title[1:]
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell.
+    """A cell of a table.
 
     Attributes:
-        text: What readers see.
-        value: What files hold and what rows are sorted by; None for nothing.
-        note: A smaller text behind the first.
-        interval: The ends of a 95 % interval, as shares.
+        text: The text that readers see.
+        value: The value in CSV and JSON files, by which rows are sorted; None for nothing.
+        note: A smaller text after the first.
+        interval: The ends of a 95 % interval, from 0 to 1.
         places: The decimal places of the interval, which is shown in per cent.
-        href: The page that the cell leads to.
-        shade: How dark its background is, from 0 to `SHADES`.
-        marks: Short words that stand out, such as the names of flags.
+        href: The page to which the cell links.
+        shade: How dark its background is, from 0 to 10.
+        marks: Short highlighted words, such as the names of flags.
         bold: Whether Markdown shows the text in bold.
     """
 
@@ -71,7 +71,7 @@ class Cell:
     bold: bool = False
 
     def markdown(self) -> str:
-        """Return the cell as Markdown: the text, then the interval or the note in brackets."""
+        """Return the cell as Markdown: the text, then the interval or the note in parentheses."""
         text = f"**{self.text}**" if self.bold else self.text
         note = self.ends(" to ") or self.note
         return f"{text} ({note})".strip() if note else text
@@ -87,7 +87,7 @@ BLANK = Cell()
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a sheet: its cells by the columns' keys; columns that are missing stay blank."""
+    """A row of a sheet: `cells` by the columns' keys. Missing columns stay blank."""
 
     kind: Kind
     cells: Mapping[str, Cell]
@@ -95,7 +95,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of results; `name` is that of its files, without ending."""
+    """A table of results. `name` is the name of its files, without the ending."""
 
     name: str
     title: str
@@ -135,7 +135,7 @@ class Sheet:
         return fields
 
     def records(self) -> Iterator[dict[str, float | str | None]]:
-        """Return a record for each line: the values, and the ends of their intervals."""
+        """Return a dictionary for each line: the values, and the ends of their intervals."""
         for line in self.lines:
             record: dict[str, float | str | None] = dict.fromkeys(self._fields())
             record["kind"] = line.kind
@@ -148,13 +148,13 @@ class Sheet:
 
 
 def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]]) -> Iterator[str]:
-    """Return the lines of a Markdown table that has no other form."""
+    """Return the lines of a Markdown table of these columns and rows."""
     kept = tuple(Line("ranked", cells) for cells in lines)
     return Sheet("", "", tuple(columns), kept).markdown()
 
 
 def titled_table(titles: Sequence[str], lines: Iterable[Iterable[Cell]]) -> Iterator[str]:
-    """Return the lines of a Markdown table whose columns have titles alone."""
+    """Return the lines of a Markdown table from the columns' titles and the cells of each row."""
     columns = tuple(text_column(title) for title in titles)
     return Sheet("", "", columns, tuple(line_of(columns, cells) for cells in lines)).markdown()
 
@@ -165,7 +165,7 @@ def text_column(key: str, title: str = "", *, hint: str = "", choice: bool = Fal
 
 
 def line_of(columns: Sequence[Column], cells: Iterable[Cell], kind: Kind = "ranked") -> Line:
-    """Make a line of a cell for each column."""
+    """Make a line from one cell for each column."""
     return Line(kind, {column.key: cell for column, cell in zip(columns, cells, strict=True)})
 
 
@@ -175,17 +175,17 @@ def entry_link(name: str, title: str) -> Cell:
 
 
 def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
-    """Make a cell of a text."""
+    """Make a cell from a text."""
     return Cell(text=text, value=text, href=href, bold=bold)
 
 
 def number_cell(value: float | None, places: int = 0) -> Cell:
-    """Make a cell of a number; blank without one."""
+    """Make a cell from a number; blank for None."""
     return BLANK if value is None else Cell(f"{value:,.{places}f}", value)
 
 
 def rate_cell(rate: float | Figure | None, places: int = 1) -> Cell:
-    """Make a cell of a rate in per cent, with its interval if it has one; blank without a rate."""
+    """Make a cell from a rate, in per cent, with its interval if any; blank for None."""
     if rate is None:
         return BLANK
     interval = rate.interval_95 if isinstance(rate, Figure) else None
