@@ -32,13 +32,13 @@ __all__ = [
 
 
 def names(application: str | None = None) -> tuple[str, ...]:
-    """List the names of the agents that tables compare, of one application or of all."""
+    """List the names of the agents that the tables compare, for one application or for all."""
     chosen = [card for card in cards() if application in (None, card.name)]
     return tuple(agent.name for card in chosen for agent in card.offered)
 
 
 def card(name: str, application: str | None = None) -> AgentCard:
-    """Find a shipped agent by name; raise `UserError` if none serves the application."""
+    """Return a shipped agent's card by name; raise `UserError` if the application has none such."""
     chosen = [card for card in cards() if application in (None, card.name)]
     shipped = {agent.name: agent for card in chosen for agent in card.agents}
     if name not in shipped:
@@ -47,24 +47,24 @@ def card(name: str, application: str | None = None) -> AgentCard:
 
 
 def load(agent: str | Path, application: str) -> Any:
-    """Load a shipped agent, a fetched one or a package's by name, or a safetensors file of weights.
+    """Load an agent by name (shipped, fetched, or from another package), or a safetensors file.
 
     Args:
-        agent: A name, or a file, whose name ends in `.safetensors`, or `SOURCE:NAME` for an
-            application that has such sources.
+        agent: A name, a file of weights that ends in `.safetensors`, or `SOURCE:NAME` (such as
+            `torchvision:NAME` for detection).
         application: The name of the application that the agent is for, such as `SADA-Driving`.
 
     Raises:
-        UserError: If the application ships no agents, or there is no such agent or file, or the
-            file is a zip, which would be unpickled, holds something else, or its SHA-256 is off
-            where that is known.
+        UserError: If the application loads no agents, or there is no such agent or file; if the
+            file is a zip (which would be unpickled) or holds something else; or if its SHA-256
+            differs from the known one.
     """
     loader, source = _located(agent, application)
     return load_object(loader)(source)
 
 
 def check_agent(agent: str | Path, application: str) -> None:
-    """Check that `load` would find an agent, without loading a network; it raises the same."""
+    """Raise what `load` would raise for an agent that it cannot find, without loading a network."""
     _located(agent, application)
 
 
@@ -125,16 +125,16 @@ def _unknown(name: str, known: Sequence[str], otherwise: str = "") -> UserError:
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:
-    """Return what reports call the agent that an application's `agent=` means, and the agent.
+    """Return the agent that an application's `agent=` stands for, after its name in reports.
 
     Args:
         agent: A shipped agent's name, a file, or the agent itself.
         application: The application's name.
-        agent_id: The name that its owner gave it, if any.
+        agent_id: The name that the user gave it, if any.
 
     Raises:
-        UserError: If there is no such agent or file, weights are not finite numbers, or `agent_id`
-            is no name.
+        UserError: If there is no such agent or file, if weights are not finite numbers, or if
+            `agent_id` is not a valid name.
     """
     check_agent_id(agent_id)
     if isinstance(agent, str | Path):

@@ -80,10 +80,10 @@ def load_sb3(
 ) -> Any:
     """Load a model of PPO, A2C, DQN, SAC, TD3, DDPG or sb3-contrib, on the CPU, for acting.
 
-    Its `predict` gives the same bits as that of a model which SB3 itself loads. It has no buffers
-    and no optimiser's state; DDPG comes as TD3, whose policy it has. The spaces are taken from the
-    environment and compared with what the file says about its own; stacked frames and transposed
-    pictures are seen there.
+    Its `predict` returns the same actions, bit for bit, as a model that SB3 itself loads. It has no
+    buffers and no optimiser. DDPG is loaded as TD3, which has the same policy. The spaces are those
+    of the environment, after a check against the file; stacked frames and transposed pictures are
+    recognised by that.
 
     Args:
         path: The zip file.
@@ -92,8 +92,8 @@ def load_sb3(
         allow_pickle: Whether to unpickle the file as SB3 does, which can run any code in it.
 
     Raises:
-        FileError: If the file is missing, damaged, too large, or none of SB3's.
-        UserError: If it must be unpickled to be understood, or serves other spaces.
+        FileError: If the file is missing, damaged, too large, or not written by SB3.
+        UserError: If it can be read only by unpickling it, or it is for other spaces.
     """
     path = as_path(path, "an SB3 model")
     content = read_file(path, MAX_MODEL_BYTES)

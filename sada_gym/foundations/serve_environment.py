@@ -792,21 +792,21 @@ def serve_environment(
     port: int = PORT,
     keywords: Mapping[str, Any] | None = None,
 ) -> None:
-    """Serve an environment to attacks, until it is interrupted.
+    """Serve an environment to attacks until you interrupt the program.
 
-    An attack that starts the calling program itself, `environment=["python", "serve.py"]`, is
-    served alone, and the function returns when the attack ends.
+    If an attack starts the program itself, with `environment=["python", "serve.py"]`, only that
+    attack is served, and the function returns when it ends.
 
     Args:
         environment: An id of Gymnasium or gym, `package:id`, `module:function`,
-            `dm_control:domain-task`, or a function that makes one.
-        host: The address to listen on. The default is reached from this machine alone; whoever
-            reaches another one can use the environment.
-        port: The port; 0 takes any that is free.
-        keywords: The keywords of the constructor that all environments get.
+            `dm_control:domain-task`, or a function that makes an environment.
+        host: The address to listen on. With the default, only programs on this machine can connect;
+            with another one, anybody who can reach that address can use the environment.
+        port: The port; 0 takes a free one.
+        keywords: The keywords that the constructor of each environment gets.
 
     Raises:
-        ValueError: If there is no such environment, or the port cannot be listened on.
+        ValueError: If there is no such environment, or the port cannot be used.
     """
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # SDL draws without a screen then
     asked_by = os.environ.get(CONNECT)

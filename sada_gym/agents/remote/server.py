@@ -72,25 +72,25 @@ def serve(
     allow_pickle: bool = False,
     vec_normalize: str | Path | VecNormalize | Literal[False] | None = None,
 ) -> None:
-    """Serve an agent to attacks, until it is interrupted.
+    """Serve an agent to attacks until you interrupt the program.
 
-    An attack that starts the calling program itself, `agent=["python", "serve.py"]`, is served
-    alone, and the function returns when the attack ends. Several connections are served in turn.
+    If an attack starts the program itself, with `agent=["python", "serve.py"]`, only that attack is
+    served, and the function returns when it ends. Several connections are served in turn.
 
     Args:
-        agent: What `agent=` of `GymnasiumApplication` takes, or of `ImageApplication`, but for
+        agent: What `agent=` of `GymnasiumApplication` or `ImageApplication` takes, except
             addresses and commands.
-        host: The address to listen on. The default is reached from this machine alone; whoever
-            reaches another one can use the agent.
-        port: The port; 0 takes any that is free.
-        name: What stores know the agent by; change it with the agent. By default it is the hash of
-            its weights, where they are known.
+        host: The address to listen on. With the default, only programs on this machine can connect;
+            with another one, anybody who can reach that address can use the agent.
+        port: The port; 0 takes a free one.
+        name: The agent's name in evaluation stores; change it whenever you change the agent. By
+            default it is the hash of the weights, if they are known.
         allow_pickle: See `GymnasiumApplication`.
-        vec_normalize: The same.
+        vec_normalize: See `GymnasiumApplication`.
 
     Raises:
-        UserError: If the port cannot be listened on, there is no such file, or the name has more
-            than 200 characters or one that cannot be printed.
+        UserError: If the port cannot be used, there is no such file, or the name has more than 200
+            characters or one that cannot be printed.
     """
     file = None
     if isinstance(agent, str | Path) and not names_model(str(agent)):

@@ -63,10 +63,9 @@ def with_our_names(labels: Mapping[str, int]) -> dict[str, int]:
 class CocoDetector(nn.Module):
     """Detects COCO's classes in images of any size from 32 pixels on.
 
-    Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
-    in [0, 1] and returns a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64
-    from 1, "scores": (N,) in [0, 1], best first}. Label i + 1 is COCO_CLASSES[i]. Every class has
-    at least one detection in every image, its highest score of all places, however low.
+    It is called as `Detector` is, and returns the same, but images may have any size. Label i + 1
+    is COCO_CLASSES[i]. Every class has at least one detection in every image: that of its highest
+    score, however low.
     """
 
     scores_every_class = True

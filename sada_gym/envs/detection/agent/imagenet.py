@@ -70,12 +70,11 @@ _EPSILON = 1e-3
 
 
 class ImagenetClassifier(nn.Module):
-    """Says how sure it is that an image of any size from 32 pixels shows each of our classes.
+    """Scores how likely an image of any size from 32 pixels shows each of detection's 12 classes.
 
-    Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
-    in [0, 1] and returns a list of {"boxes": (12, 4), "labels": (12,) int64 from 1, "scores": (12,)
-    in [0, 1], best first}. A class's score is the sum of the softmax over its `SYNONYMS`, and every
-    box is the whole image. Label i + 1 is the i-th class of `SYNONYMS`.
+    It is called as `Detector` is, and returns the same, with one entry for each class; every box is
+    the whole image. A class's score is the sum of the softmax over its `SYNONYMS`. Label i + 1 is
+    the i-th class of `SYNONYMS`.
     """
 
     def __init__(self, network: StepNetwork) -> None:

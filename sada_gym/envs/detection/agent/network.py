@@ -1,7 +1,7 @@
-"""The detector under attack: a small single-stage network, torchvision's calling convention.
+"""The detector under attack is a small single-stage network, called as torchvision's detectors are.
 
-One heat map a class says where an object's centre lies, and four more channels how far its box
-reaches from there: CenterNet (Zhou et al. 2019) with the box regression of FCOS (Tian et al. 2019).
+It is CenterNet (Zhou et al. 2019) with the box regression of FCOS (Tian et al. 2019): one heat map
+for each class says where centres lie, and four more channels say how far boxes reach from there.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ class Residual(nn.Module):
 class Detector(nn.Module):
     """Detects the classes it was trained on.
 
-    Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
-    in [0, 1] and returns a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64
-    from 1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, equal in one call.
-    Label i + 1 is classes[i]. An image has at most `top` detections, none with a score below
+    It is called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float
+    tensors in [0, 1] and returns a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,)
+    int64 from 1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, equal in one
+    call. Label i + 1 is classes[i]. An image has at most `top` detections, none with a score below
     `floor`.
     """
 
