@@ -16,6 +16,7 @@ from sada_gym.analyses.plots.style import axis_label, new_figure, svg, tidy
 from sada_gym.foundations.drawing import own_style
 from sada_gym.foundations.figures import number
 from sada_gym.measures.reference import load_reference
+from sada_gym.parameters import Parameter
 from tools.draw_environments import COLOURS
 from tools.draw_results import DOCS, IMAGES, ON_ORANGE, named
 
@@ -49,6 +50,19 @@ MAPS = {
 }
 """Of each environment's page: two parameters, and the tracks with their titles."""
 
+LABELS = {
+    "delay_s": ("age of observations (ms)", 1000.0),
+    "lidar_yaw_deg": ("lidar yaw (°), + is left", 1.0),
+    "wheel_gain": ("wheel gain (%), + pulls left", 100.0),
+}
+"""Axes whose labels are not the parameters' names, and by what their values are multiplied."""
+
+
+def label_and_values(parameter: Parameter, shares: np.ndarray) -> tuple[str, np.ndarray]:
+    """Return an axis's label and the values at shares of a range, as the pages write them."""
+    label, factor = LABELS.get(parameter.name, (axis_label(parameter), 1.0))
+    return label, factor * parameter.values(shares)
+
 
 def draw_map(axes: Axes, track: str, across: str, up: str) -> None:
     """Draw the share of a reference set's evaluations that fool, in cells of two parameters."""
@@ -65,8 +79,8 @@ def draw_map(axes: Axes, track: str, across: str, up: str) -> None:
     for (i, j), rate in np.ndenumerate(rates):
         axes.text(j, i, f"{rate:.0f}", ha="center", va="center", fontsize=10, color=ON_ORANGE)
     for side, parameter in (("x", space[x]), ("y", space[y])):
-        values = parameter.values((edges[[0, CELLS // 2, CELLS]] + 1) / 2)
-        axes.set(**{f"{side}label": axis_label(parameter)})
+        label, values = label_and_values(parameter, (edges[[0, CELLS // 2, CELLS]] + 1) / 2)
+        axes.set(**{f"{side}label": label})
         axis = axes.xaxis if side == "x" else axes.yaxis
         ticks = np.array([0, CELLS // 2, CELLS]) - 0.5
         axis.set_ticks(ticks, labels=[number(float(f"{value:.3g}")) for value in values])
