@@ -1,4 +1,7 @@
-"""Two summaries of episodes beside one another, headed by the parameters in which they differ."""
+"""Two summaries of episodes beside one another, headed by the parameters in which they differ.
+
+Pages show them at half their size, so that letters are twice as large as those of the summaries.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sada_gym.foundations.drawing import INK_RGB, font
+from sada_gym.foundations.drawing import INK_RGB, font, wrapped
 from sada_gym.foundations.frames import Frame
 from sada_gym.parameters import ParameterSpace
 
-LINE, TITLE, HEAD = 30, 17, 150
-"""Pixels: a line of a summary's text, its letters, and the text's height."""
+LINE, TITLE, HEAD = 34, 25, 150
+"""Pixels: a line above a picture, its letters, and the height of a summary's own text."""
 
 
 def differing(space: ParameterSpace, left: np.ndarray, right: np.ndarray) -> tuple[str, str]:
@@ -23,14 +26,19 @@ def differing(space: ParameterSpace, left: np.ndarray, right: np.ndarray) -> tup
     return first, second
 
 
-def headed(frame: Frame, text: str) -> Frame:
-    """Keep a summary's first line, and write a text in place of all parameters."""
-    strip = Image.new("RGB", (frame.shape[1], LINE + 8), "white")
-    ImageDraw.Draw(strip).text((6, 4), text, fill=INK_RGB, font=font(TITLE, bold=True))
-    return np.vstack([frame[:LINE], np.asarray(strip), frame[HEAD:]])
+def headed(frame: Frame, lines: list[str], count: int) -> Frame:
+    """Write `count` lines in place of a summary's text."""
+    strip = Image.new("RGB", (frame.shape[1], count * LINE + 8), "white")
+    for i, line in enumerate(lines):
+        draw = ImageDraw.Draw(strip)
+        draw.text((6, 4 + i * LINE), line, fill=INK_RGB, font=font(TITLE, bold=True))
+    return np.vstack([np.asarray(strip), frame[HEAD:]])
 
 
 def save(frames: list[Frame], texts: tuple[str, str], path: Path) -> None:
     """Write both as one PNG file."""
-    both = [headed(frame, text) for frame, text in zip(frames, texts, strict=True)]
+    face, width = font(TITLE, bold=True), frames[0].shape[1] - 2 * TITLE
+    lines = [wrapped(text, face, width) for text in texts]
+    count = max(map(len, lines))
+    both = [headed(frame, some, count) for frame, some in zip(frames, lines, strict=True)]
     Image.fromarray(np.hstack(both)).save(path, optimize=True)

@@ -33,7 +33,7 @@ _FINE = 2
 _SKY, _EARTH, _MAP, _GRID = (111, 168, 220), (160, 120, 74), (236, 242, 232), (206, 216, 200)
 _FLOWN, _COMMANDED, _FAILED, _HELD = rgb(BLUE), rgb(GREEN), rgb(VERMILLION), (214, 240, 224)
 _YELLOW = (250, 204, 21)
-_LEFT, _TEXT = 78, 17
+_LEFT, _RIGHT, _TEXT = 104, 32, 17
 _DEGREE = 3.2
 """Pixels of a degree of pitch."""
 _AEROPLANE = ((1.0, 0.0), (0.2, 0.12), (0.1, 0.9), (-0.15, 0.9), (-0.2, 0.12), (-0.75, 0.08))
@@ -124,13 +124,13 @@ def _attitude(bank_deg: float, pitch_deg: float, speed_kt: float, feet: float) -
     draw.line([at(-size, 0), at(size, 0)], "white", 2 * _FINE)
     for mark in (-30, -20, -10, 10, 20, 30):
         draw.line([at(-half / 4, mark), at(half / 4, mark)], "white", _FINE)
-        draw.text(at(half / 3, mark), f"{abs(mark)}", "white", font(11 * _FINE), "mm")
+        draw.text(at(half / 3, mark), f"{abs(mark)}", "white", font(17 * _FINE), "mm")
     for side in (-1, 1):
         wing = [(half + side * half * x, half + y) for x, y in ((0.6, 0), (0.2, 0), (0.2, 14))]
         draw.line(wing, INK_RGB, 5 * _FINE)
         draw.line(wing, _YELLOW, 3 * _FINE)
     draw.circle((half, half), 3 * _FINE, _YELLOW, INK_RGB)
-    face = font(15 * _FINE, bold=True)
+    face = font(21 * _FINE, bold=True)
     for text, across, anchor in (
         (f"{speed_kt:.0f} kt", 10 * _FINE, "la"),
         (f"{feet:,.0f} ft", size - 10 * _FINE, "ra"),
@@ -178,7 +178,7 @@ def _plan(start: FlightStart, states: Floats, heading_deg: float, *, failed: boo
     )
     if failed:
         cross(draw, middle, 14 * _FINE, _FAILED, (8 * _FINE, 5 * _FINE))
-    draw.text((8 * _FINE, 6 * _FINE), "north ↑   grid 1 km", INK_RGB, font(12 * _FINE))
+    draw.text((8 * _FINE, 6 * _FINE), "north ↑   grid 1 km", INK_RGB, font(20 * _FINE))
     return drawn.resize((WIDTH - UPPER, UPPER), Image.Resampling.BOX)
 
 
@@ -186,13 +186,13 @@ def _chart(
     flown: Floats, first: float, commanded: float, within: float, unit: str, failed: bool
 ) -> Image.Image:
     chart = Image.new("RGB", (WIDTH * _FINE, CHART * _FINE), "white")
-    draw, face = ImageDraw.Draw(chart), font(13 * _FINE)
+    draw, face = ImageDraw.Draw(chart), font(20 * _FINE)
     low = min(first, commanded, flown.min()) - 1.3 * within
     high = max(first, commanded, flown.max()) + 1.3 * within
 
     def at(time_s: float, value: float) -> tuple[float, float]:
-        across = _LEFT + (WIDTH - _LEFT - 20) * time_s / FLIGHT_S
-        return _FINE * across, _FINE * (CHART - 24 - (CHART - 34) * (value - low) / (high - low))
+        across = _LEFT + (WIDTH - _LEFT - _RIGHT) * time_s / FLIGHT_S
+        return _FINE * across, _FINE * (CHART - 32 - (CHART - 42) * (value - low) / (high - low))
 
     box = [at(SETTLED_S, commanded + within), at(FLIGHT_S, commanded - within)]
     draw.rectangle([*box[0], *box[1]], _HELD)

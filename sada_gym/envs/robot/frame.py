@@ -38,8 +38,8 @@ LEGEND = (
     LegendEntry("barrel", "#de781f", "disc"),
     LegendEntry("cart", "#466ea0", "disc"),
     LegendEntry(
-        "Left: the end of the first trip that failed. Right: all ten trips, five on each of two "
-        "floor plans."
+        "Left: the end of the first trip that failed. Right: all ten trips, numbered at their "
+        "goals, five on each of two floor plans."
     ),
 )
 
@@ -128,8 +128,8 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
             hall.disc(x, y, 0.14, colour)
         goal_x, goal_y = way[-1]
         hall.flag(goal_x, goal_y, 0.7)
-        x, y = way[len(way) // 2]
-        hall.text(x, y, str(first + k + 1))
+        aside = math.copysign(0.6, HALL_M[0] / 2 - goal_x)  # into the hall
+        hall.text(goal_x + aside, goal_y, str(first + k + 1))
     for rollout in rollouts:
         if rollout.score < 1:
             hall.cross(*rollout["poses"][-1, :2])
@@ -236,7 +236,7 @@ class _HallMap:
             self._at(x, y),
             text,
             INK_RGB,
-            font(0.9 * self._unit, bold=True),
+            font(0.75 * self._unit, bold=True),
             "mm",
             stroke_width=round(0.05 * self._unit),
             stroke_fill="white",
