@@ -20,7 +20,7 @@ from sada_gym.analyses.plots.style import (
 from sada_gym.evaluations import Evaluations
 from sada_gym.foundations.arrays import Floats
 from sada_gym.foundations.drawing import own_style
-from sada_gym.foundations.frames import INK, MUTED
+from sada_gym.foundations.frames import INK
 from sada_gym.measures.sensitivity import FailureModel, Influence
 from sada_gym.parameters import ParameterSpace
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_CURVES = 7
+MAX_CURVES = 8
 """Parameters whose curves are drawn, those that matter most."""
 _MOST_APART = 12
 """So many choices or whole numbers are drawn one by one."""
@@ -45,7 +45,7 @@ def influence(
     influences = model.influences(space.names)
     shown = influences[:MAX_CURVES]
     panels = len(shown) + (len(shown) > 1)
-    columns = min(4, panels)
+    columns = min(3, panels)
     rows = -(-panels // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.5 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False)
@@ -83,7 +83,7 @@ def _draw_curve(axes: Axes, space: ParameterSpace, model: FailureModel, row: Inf
         axes.plot(values, 100 * mean, color=ACCENT, linewidth=1.6)
     axes.set_ylim(0, 100)
     axes.set_xlabel(axis_label(parameter))
-    axes.set_title(f"explains {100 * row.total:.0f} %", loc="left", fontsize=9, color=MUTED)
+    axes.set_title(f"explains {100 * row.total:.0f} %", loc="left", fontsize=11, color=INK)
     tidy(axes, grid="y")
     span(axes, "x", parameter)
 
@@ -125,11 +125,11 @@ def _draw_samples(
         axes.scatter(
             x[rows],
             y[rows],
-            s=12,
+            s=32,
             color=colour,
             marker=marker,
             edgecolors="white",
-            linewidths=0.4,
+            linewidths=0.6,
             clip_on=False,
             label=name,
         )
@@ -139,7 +139,7 @@ def _draw_samples(
         borderpad=0.0,
         ncols=2,
         frameon=False,
-        fontsize=8,
+        fontsize=9,
         handletextpad=0.1,
         columnspacing=0.8,
     )

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.detector import Detections
 from sada_gym.envs.detection.renderers import Rendering
-from sada_gym.foundations.drawing import dashed, dashed_box, font
+from sada_gym.foundations.drawing import INK_RGB, dashed, dashed_box, font
 from sada_gym.foundations.frames import ORANGE, SKY, Frame, LegendEntry, rgb
 
 SIDE = 384
@@ -85,7 +85,8 @@ def _write(draw: ImageDraw.ImageDraw, text: str, y: int, colour: str, side: int)
     left, start, width = side // 64, side // 10, max(2, side // 96)
     face, middle = font(side / 17), y + side / 28
     dash, gap = (width * length for length in _DASHES[colour])
-    ends = [(left, middle), (start, middle)]
-    dashed(draw, ends, rgb(colour), width, dash, gap, casing=_EDGE)
-    place = (start + side // 64, middle)
-    draw.text(place, text, rgb(colour), face, anchor="lm", stroke_width=2, stroke_fill=0)
+    ends, x = [(left, middle), (start, middle)], start + side // 64
+    half, right = side / 26, x + face.getlength(text) + side // 64
+    draw.rectangle((0, middle - half, right, middle + half), INK_RGB)  # text shows on any picture
+    dashed(draw, ends, rgb(colour), width, dash, gap)
+    draw.text((x, middle), text, rgb(colour), face, anchor="lm")

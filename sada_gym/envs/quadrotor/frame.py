@@ -89,17 +89,17 @@ def snapshot(rollout: Rollout[QuadrotorStart], step: int) -> Image.Image:
 
 def _chart(away_m: Floats, step: int) -> Image.Image:
     chart = Image.new("RGB", (WIDTH * _FINE, CHART * _FINE), "white")
-    draw, face = ImageDraw.Draw(chart), font(13 * _FINE)
+    draw, face = ImageDraw.Draw(chart), font(20 * _FINE)
     most = float(np.clip(away_m.max(), 2 * BOUND_M, LOST_M))
 
     def at(place: float, metres: float) -> tuple[float, float]:
         share = min(metres / most, 1.0)
-        return _FINE * (70 + 610 * place / STEPS), _FINE * (CHART - 24 - (CHART - 34) * share)
+        return _FINE * (90 + 580 * place / STEPS), _FINE * (CHART - 30 - (CHART - 42) * share)
 
     draw.rectangle((*at(SETTLED, BOUND_M), *at(STEPS, 0.0)), _COURSE)
     draw.line([at(0, most), at(0, 0.0), at(STEPS, 0.0)], INK_RGB, _FINE)
     draw.line([at(k, x) for k, x in enumerate(away_m[: step + 1].tolist())], _FLOWN, 2 * _FINE)
-    for metres in (0.0, BOUND_M if most < 6 * BOUND_M else most, most):
+    for metres in (0.0, BOUND_M if most < 4 * BOUND_M else most, most):
         across, down = at(0, metres)
         draw.text((across - 12, down), f"{metres:.1f} m", INK_RGB, face, "rm")
     for place in range(0, STEPS + 1, 2 * POLICY_HZ):
