@@ -207,7 +207,7 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
         del lines[headings[0] :]
         below = documented.startswith(("sada_gym.evaluation", "sada_gym.StressEnv"))
         page = next((part for part in documented.split(".") if _has_page(part)), "interface")
-        described = f"Its parameters, score and worlds: :doc:`/environments/{page}`."
+        described = f"See :doc:`/environments/{page}` for its parameters, score and worlds."
         lines += ["See below." if below else described, ""]
 
 

@@ -47,9 +47,9 @@ OnError = Literal["raise", "invalid", "fooled"]
 class Outcomes:
     """The outcomes of a batch of n evaluations.
 
-    `score`, (n,) float64, is Q in [0, 1]: high is good for the agent. `fooled`, (n,) bool, is true
+    `score`, (n,) float64, is Q in [0, 1]; high is good for the agent. `fooled`, (n,) bool, is true
     where Q <= the fooling threshold. Each of the n `infos` has `score`, `fooled`, `seed`,
-    `parameters` (physical values by name) and what the application adds.
+    `parameters` (physical values by name) and the application's own extras.
     """
 
     score: Floats
@@ -58,19 +58,19 @@ class Outcomes:
 
     @property
     def invalid(self) -> dict[int, str]:
-        """Why worlds are invalid, by their place in the batch; see `Scored`."""
+        """The reasons for invalid worlds, by their row in the batch; see `Scored`."""
         return _invalid_reasons(self.infos)
 
 
 @dataclass(frozen=True)
 class Scored:
-    """An application's own `evaluate_batch` returns it: n scores and n dictionaries of extras.
+    """What `Application.evaluate_batch` returns: n scores and n dictionaries of extras.
 
-    Every dictionary has the same keys, and a key always the same type (arrays: one shape, too), so
-    that a vector environment can batch them. Put data of varying length into a list.
+    All dictionaries have the same keys, and a key always has values of one type (arrays: also of
+    one shape), so a vector environment can batch them. Put data of varying length into a list.
 
-    A world that cannot be computed is invalid: its extra `invalid` is a text that says why, which
-    is empty in other worlds. It is no failure of the agent; its score becomes 1.
+    If a world cannot be computed, say why in its extra `invalid`; leave that text empty in other
+    worlds. An invalid world is not a failure of the agent; its score becomes 1.
     """
 
     score: Floats
@@ -81,40 +81,41 @@ class Application(ABC):
     """A frozen agent in a world built from mu, scored over a whole episode.
 
     A subclass must set `name`, `fooling_threshold`, `sample_size` and `parameters`, and implement
-    `evaluate_batch`. That method must be pure: Q(mu, seed) is the same to the last bit whatever
+    `evaluate_batch`. That method must be pure: Q(mu, seed) is the same to the last bit, whatever
     else is in the batch. `sada-gym check` tests that.
 
     A subclass may set or override
 
-    - what a stored score belongs to: `version`, `settings`, `fingerprint`;
+    - what identifies a stored score: `version`, `settings`, `fingerprint`;
     - the agent: `agent`, `agent_name`, `privileged_score`;
-    - what the agent does in a failure, in words: `behaviour`, or `behaviours`;
+    - a description of what the agent does in a failure: `behaviour`, or `behaviours`;
     - pictures: `render` and its `legend`, `frames_tell_values`, `render_batch`, `film_batch`,
       `replay` and its `render_fps`, `observation`;
-    - what a run costs: `seconds_per_world`;
-    - `close`, where it holds anything.
+    - the cost of a run: `seconds_per_world`;
+    - `close`, if there is something to free.
 
-    It inherits `evaluate` and `can_render` for its callers and does not override them.
+    A subclass does not override `evaluate` and `can_render`, which its users call.
 
     Attributes:
         name: The general environment's id without its version, such as `SADA-Detection`.
         version: The environment's version; raise it when a score changes.
         fooling_threshold: The agent is fooled where Q <= this (epsilon in the paper).
-        sample_size: Number of test samples drawn from a trained adversary (M in the paper).
+        sample_size: The number of test samples from a trained adversary (M in the paper).
         agent: The agent under test, or None if it is part of the world.
-        nominal: mu, (d,), of the world in ordinary use, or None if it is unknown.
+        nominal: mu, (d,), of the usual world, or None if it is unknown.
         density: How likely worlds are in ordinary use, or None if it is unknown.
-        permits: Says which worlds of mu, (n, d), can exist at all, (n,). The others are never
-            computed, and no test sample is drawn there.
-        repeatable: Whether Q(mu, seed) is the same to the last bit whenever it is evaluated. A
-            simulator that cannot promise it says so; agents are then not asked twice.
-        requirements: The names of several requirements that the score is the worst of; their
-            margins stand in each info, and behaviours say which ones fail.
-        combines: Whether its parameters are conditions that may do harm together alone: attacks
-            then tell how much of each does none, and how many failures need no more.
-        render_fps: Frames of `replay` in a second of its episode.
-        frames_tell_values: Whether frames of `render` say the world's physical values; the sheet of
-            failures then does not repeat them.
+        permits: A function of mu, (n, d), that says which worlds can exist at all, (n,). The others
+            are never computed, and no test sample is drawn there.
+        repeatable: Whether Q(mu, seed) is always the same, to the last bit. If a simulator cannot
+            promise this, set it to False: attacks then do not check an agent by asking it twice.
+        requirements: The names of the requirements whose lowest score is the score. Each info has
+            their margins, and behaviours say which ones fail.
+        combines: Whether each parameter is a condition that may be harmless by itself but harmful
+            with others. Attacks then report how much of each is harmless alone, and how many
+            failures need a combination.
+        render_fps: The frames of `replay` for each second of the episode.
+        frames_tell_values: Whether the frames of `render` show the world's physical values; the
+            sheet of failures then does not repeat them.
     """
 
     name: ClassVar[str]
@@ -138,18 +139,18 @@ class Application(ABC):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The resolved keywords that tell this application from its siblings, JSON-compatible.
+        """The keywords by which this application differs from others of its class, for JSON.
 
-        With `name`, `version` and `fingerprint` they identify what a stored score belongs to.
+        Together with `name`, `version` and `fingerprint` they identify a stored score.
         """
         return {}
 
     @property
     def fingerprint(self) -> str | None:
-        """A SHA-256 over the agent and all else that a user brought, or None if it is unknown.
+        """A SHA-256 over the agent and everything else from a user, or None if it is unknown.
 
-        An evaluation store is refused without one. An application with nothing exchangeable
-        inside returns the empty string.
+        With None, evaluations cannot be stored. An application with no exchangeable part returns
+        the empty string.
         """
         return ""
 
@@ -160,17 +161,17 @@ class Application(ABC):
 
     @abstractmethod
     def evaluate_batch(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
+        """Score a non-empty batch that was checked: mu (n, d) float32 in [-1, 1], and n seeds."""
 
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
-        """Score the agent in the worlds of a batch of mu, in one thread: see `single_threaded`.
+        """Score the agent in the worlds of a batch of mu, in one thread.
 
-        mu is (n, d) in [-1, 1], and rounded to float32. Each of the n seeds, Python ints in
+        mu is (n, d) in [-1, 1], and is rounded to float32. Each of the n seeds, Python ints in
         [0, 2**31), fixes all randomness of its evaluation. The outcomes have the same order.
 
         Raises:
-            ValueError: If mu or the seeds are not as described, a score is not in [0, 1], or a
-                user's agent answers differently when it is asked twice.
+            ValueError: If mu or the seeds are not as described, if a score is not in [0, 1], or if
+                a user's agent answers differently when it is asked twice.
         """
         batch = self.parameters.validate(mu)
         checked = validate_seeds(seeds, len(batch))
@@ -197,20 +198,20 @@ class Application(ABC):
 
     @property
     def seconds_per_world(self) -> float | None:
-        """About how many seconds a world takes in one process; None where worlds are fast.
+        """About how many seconds a world takes in one process; None if worlds are fast.
 
-        It may be measured. A run whose worlds are slow tells its cost before it starts.
+        It may be measured. If worlds are slow, a run says before it starts how long it will take.
         """
         return None
 
     @property
     def costs(self) -> str:
-        """What a slow world's time is spent on, and what would save some, in sentences."""
+        """Sentences that say what takes the time in a slow world, and how to save some."""
         return ""
 
     @property
     def legend(self) -> Sequence[LegendEntry]:
-        """What the lines and marks in frames of `render` mean, for the pictures of an attack."""
+        """What the lines and marks in frames of `render` mean, for pictures of an attack."""
         return ()
 
     @property
@@ -223,9 +224,9 @@ class Application(ABC):
         mu: npt.ArrayLike,  # noqa: ARG002
         seeds: Sequence[int],  # noqa: ARG002
     ) -> Floats | None:
-        """Score a privileged agent: where it does well, a failure is the agent's own.
+        """Score a privileged agent. In worlds where it does well, a failure is the agent's fault.
 
-        Returns its Q, (n,), or None if none is known, as by default.
+        Return its Q, (n,), or None if there is no such agent; this is the default.
 
         Raises:
             ValueError: If mu or the seeds are not what `evaluate` takes.
@@ -233,10 +234,9 @@ class Application(ABC):
         return None
 
     def behaviour(self, info: Mapping[str, Any]) -> Behaviour:
-        """Say what the agent did in a world, by its info of `evaluate`.
+        """Describe what the agent did in a world, from the info that `evaluate` returned.
 
-        The default takes a text `ending` of the info as what went wrong, and the other values as
-        data.
+        By default the info's text `ending` says what went wrong; the other values are data.
         """
         from sada_gym.foundations.behaviour import Behaviour, plain_values  # they bring pydantic
 
@@ -251,16 +251,16 @@ class Application(ABC):
 
     @property
     def tells_behaviour(self) -> bool:
-        """Whether it says more of failures than their scores: attacks play some again to hear it.
+        """Whether it describes failures; attacks then replay some failures to describe them.
 
-        By default it does where a subclass overrides `behaviour` or `behaviours`.
+        By default it is true if a subclass overrides `behaviour` or `behaviours`.
         """
         kind = type(self)
         methods = (kind.behaviour, kind.behaviours)
         return methods != (Application.behaviour, Application.behaviours)
 
     def behaviours(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> tuple[Behaviour, ...]:
-        """Play n worlds, mu (n, d), again, and say what the agent did in each.
+        """Replay n worlds, mu (n, d), and describe what the agent did in each.
 
         Raises:
             ValueError: If mu or the seeds are not what `evaluate` takes.
@@ -268,42 +268,42 @@ class Application(ABC):
         return tuple(map(self.behaviour, self.evaluate(mu, seeds).infos))
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw one frame of the world of mu, shape (d,), for a person to look at."""
+        """Draw one frame of the world of mu, (d,), for people."""
         raise NotImplementedError(
             f"{type(self).__name__} draws no pictures. Implement `render(mu, seed)` in it."
         )
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
-        """Draw a frame, see `render`, of each world of mu, (n, d), with its seed.
+        """Draw a frame, as `render` does, of each world of mu, (n, d), with its seed.
 
-        A subclass may play the episodes together; the frames stay the same.
+        A subclass may play the episodes together, if the frames stay the same.
         """
         for row, seed in zip(self.parameters.validate(mu), seeds, strict=True):
             yield self.render(row, seed)
 
     def film_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
-        """Draw such frames for a film, where they may show more than the agent sees."""
+        """Draw frames for a film as `render_batch` does; they may show more than the agent sees."""
         return self.render_batch(mu, seeds)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw what the agent sees first in the world of mu, shape (d,), without annotations.
+        """Draw the first image that the agent sees in the world of mu, (d,), without annotations.
 
-        Novelty compares worlds by these images. The default, `render`, suits applications whose
-        pictures show the world alone.
+        Novelty compares worlds by these images. The default is `render`; override it if `render`
+        adds anything to the world.
         """
         return self.render(mu, seed)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """Evaluate one mu of shape (d,) again and return all frames of the episode and its score.
+        """Evaluate one mu, (d,), again; return all frames of the episode, and its score.
 
-        The default suits applications whose episode is a single frame.
+        The default returns the single frame of `render`; override it for longer episodes.
         """
         batch: Any = [mu]
         score = float(self.evaluate(batch, [seed]).score[0])
         return [self.render(mu, seed)], score
 
     def close(self) -> None:  # noqa: B027 - most applications hold nothing
-        """Free what the application holds; calling it twice is fine."""
+        """Free what the application holds; a second call does nothing."""
 
     @property
     def _without_fingerprint(self) -> str:

@@ -37,15 +37,14 @@ class Parameter:
     `low` and `high` are its physical values at mu = -1 and +1.
 
     Attributes:
-        name: Name with its unit as suffix, such as `camera_azimuth_deg`.
-        unit: The unit in tables and axes, such as `deg`; empty if there is none.
-        choices: Names of equal parts of the range, if the parameter is a choice.
-        directions: What lies at 0, 90, 180 and 270 degrees, if the parameter is an angle that goes
-            all around, such as `("in front", "on the left", "behind", "on the right")`. Sentences
-            use them.
-        whole: Whether whole numbers count: the range goes from half below the first to half above
-            the last.
-        log: Whether mu is even in the logarithm of the values, which all have one sign.
+        name: The name with its unit as suffix, such as `camera_azimuth_deg`.
+        unit: The unit in tables and on axes, such as `deg`; empty if there is none.
+        choices: If the parameter is a choice: the names of equal parts of the range.
+        directions: If the parameter is an angle over a full circle: names of 0, 90, 180 and 270
+            degrees for sentences, such as `("in front", "on the left", "behind", "on the right")`.
+        whole: Whether values are whole numbers. The range then begins 0.5 below the first and ends
+            0.5 above the last.
+        log: Whether the scale is logarithmic; `low` and `high` then have the same sign.
     """
 
     name: str
@@ -175,7 +174,7 @@ class Parameter:
 
 
 class ParameterSpace:
-    """Parameters in the order of mu's columns: the box that an adversary acts in."""
+    """The parameters of a world, in the order of mu's columns: the box that adversaries search."""
 
     def __init__(self, *parameters: Parameter) -> None:
         if not parameters:
@@ -212,12 +211,12 @@ class ParameterSpace:
         return tuple(parameter.name for parameter in self.parameters)
 
     def lines(self, values: Iterable[float], count: int) -> list[str]:
-        """Write physical values, one for each parameter, with `count` of them in a line."""
+        """Write physical values, one for each parameter, as texts with `count` values each."""
         written = [one.text(value) for one, value in zip(self.parameters, values, strict=True)]
         return [", ".join(written[k : k + count]) for k in range(0, len(written), count)]
 
     def validate(self, mu: npt.ArrayLike) -> Mu:
-        """Return mu as `validate_mu` does, in this space's dimension."""
+        """Return mu, an (n, d) batch in [-1, 1], as float32; raise `UserError` if it is not one."""
         return validate_mu(mu, len(self))
 
     def physical(self, mu: npt.ArrayLike) -> Floats:
@@ -231,7 +230,7 @@ class ParameterSpace:
     def normalised(self, physical: npt.ArrayLike) -> Floats32:
         """Map physical values, (n, d) or (d,), to mu of the same shape: the inverse of `physical`.
 
-        The result is rounded to float32; it is in [-1, 1] where the values lie in their range.
+        The result is rounded to float32. It is in [-1, 1] if the values are in their ranges.
         """
         values = as_array(physical, "physical").astype(np.float64)
         share = (values - self._low) / (self._high - self._low)
@@ -241,11 +240,11 @@ class ParameterSpace:
         return mu
 
     def describe(self, mu: npt.ArrayLike) -> dict[str, float]:
-        """Name the physical values of one mu of shape (d,)."""
+        """Return the physical values of one mu, (d,), by name."""
         return dict(zip(self.names, map(float, self.physical(mu)), strict=True))
 
     def text(self, mu: npt.ArrayLike) -> str:
-        """Write one mu of shape (d,) as people say it, such as `gravity 9.8, wind 3 m/s`."""
+        """Write one mu, (d,), in words, such as `gravity 9.8, wind 3 m/s`."""
         values = zip(self.parameters, self.physical(mu).tolist(), strict=True)
         return ", ".join(parameter.text(value) for parameter, value in values)
 

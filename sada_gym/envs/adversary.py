@@ -21,7 +21,7 @@ from sada_gym.foundations.seeds import SEED_BOUND, fold_seed
 
 
 class AdversaryEnv(LockstepEnv[Floats32]):
-    """One adversary proposing worlds to one frozen agent.
+    """An environment whose action is a world's mu and whose reward is minus the agent's score.
 
     ## Description
     Each step is a whole inner episode: the application builds a world from the action, its frozen
@@ -91,16 +91,16 @@ class AdversaryEnv(LockstepEnv[Floats32]):
         self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
+        """Evaluate one mu, (d,), again; return all frames of the inner episode, and its score."""
         return _replayed(self.application, mu, seed)
 
 
 class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
-    """Many adversary environments in lockstep: one `Application.evaluate` a step.
+    """Many adversary environments in lockstep: each step calls `Application.evaluate` once.
 
-    It equals `SyncVectorEnv` of `AdversaryEnv` with `AutoresetMode.SAME_STEP`, see
-    `LockstepVectorEnv`, but for one thing: an autoreset evaluates nothing and leaves what `render`
-    draws, the last evaluation, in place. Arguments are those of `AdversaryEnv`, and `num_envs`.
+    It does the same as Gymnasium's `SyncVectorEnv` of `AdversaryEnv` with
+    `AutoresetMode.SAME_STEP`, with one exception: an autoreset evaluates nothing, so `render` still
+    draws the last evaluation. The arguments are those of `AdversaryEnv`, and `num_envs`.
     """
 
     metadata: dict[str, Any] = {**AdversaryEnv.metadata, **SAME_STEP}  # noqa: RUF012
@@ -119,7 +119,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
         self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """Evaluate one mu of shape (d,) again, see `AdversaryEnv.replay`."""
+        """Evaluate one mu, (d,), again, as `AdversaryEnv.replay` does."""
         return _replayed(self.application, mu, seed)
 
 

@@ -49,16 +49,16 @@ def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
 
 
 def make_application(env_id: str, **env_kwargs: Any) -> Application:
-    """Make the application behind an adversary environment, or the one that a TOML file describes.
+    """Make the application of an adversary environment, or the one that a TOML file describes.
 
     Args:
-        env_id: An id, see `make_env`, or the path of a TOML file, see
-            `sada_gym.envs.wrapped.toml.read_application`.
-        **env_kwargs: The environment's keywords, only with an id.
+        env_id: An id, see `env_ids` (`module:ID` imports a module that registers the id), or the
+            path of a TOML file, see `read_application`.
+        **env_kwargs: The environment's keywords; only with an id.
 
     Raises:
-        ValueError: If the id or a keyword is unknown, it is no adversary environment, or the file
-            describes none.
+        ValueError: If the id or a keyword is unknown, the id is not one of an adversary
+            environment, or the file does not describe an application.
     """
     if not names_file(env_id):
         env: Any = make_env(env_id, **env_kwargs)

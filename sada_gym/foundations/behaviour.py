@@ -29,12 +29,12 @@ class Behaviour:
     """What the agent did in one world.
 
     Attributes:
-        text: In a few words, such as `seen as bus (0.83)`.
-        events: What went wrong, to be counted: a few words for each part of the world that failed,
-            such as one drive of five. Empty where nothing went wrong.
-        part: What such a part is called: `world` where it has a single one.
-        data: The same as data for JSON. Numbers, truth values and texts in it are compared between
-            failures and passes, see `differences`.
+        text: A few words, such as `seen as bus (0.83)`.
+        events: What went wrong: a few words, which are counted, for each part of the world that
+            failed, such as one of five drives. Empty if nothing went wrong.
+        part: What a part is called, such as `drive`; `world` if there is only one part.
+        data: The same as data for JSON. Diagnoses compare its numbers, truth values and texts
+            between failures and passes.
     """
 
     text: str

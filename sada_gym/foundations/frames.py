@@ -47,7 +47,7 @@ _ROUNDED = 1e-3
 
 
 class LegendEntry(NamedTuple):
-    """A mark in an application's frames, its colour as `#rrggbb`, and what it means."""
+    """What a mark in an application's frames means: its text, its colour `#rrggbb`, its `Mark`."""
 
     text: str
     colour: str = INK

@@ -118,7 +118,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Begin an episode; a seed is any int from 0 up, and there are no options."""
+        """Begin an episode. The seed is an int of at least 0; there are no options."""
         check_reset_options(options)
         seed = validate_seed(seed)
         if seed is not None:
@@ -135,7 +135,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
         return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> Frame | None:
-        """Draw a frame; None, and a warning, without a render mode."""
+        """Draw a frame. Without a render mode, warn and return None."""
         if self.render_mode is None:
             _warn_without_render_mode()
             return None
@@ -143,7 +143,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
         return frame
 
     def close(self) -> None:
-        """Free what the environment holds; calling it twice is fine."""
+        """Free what the environment holds; a second call does nothing."""
         self._lockstep.close()
 
     def _observation(self) -> Observed:
@@ -184,7 +184,7 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
     ) -> tuple[Observed, dict[str, Any]]:
         """Begin an episode in all environments, or in those of `options["reset_mask"]`, (n,) bool.
 
-        With a seed, any int from 0 up, environment i gets seed + i; a sequence has one for each.
+        With a seed, an int of at least 0, environment i gets seed + i; a sequence has one for each.
         """
         seeds = spread_seeds(seed, self.num_envs)
         for i in reset_mask(options, self.num_envs):
@@ -201,7 +201,7 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
     def step(
         self, actions: npt.NDArray[Any]
     ) -> tuple[Observed, Floats, Bools, Bools, dict[str, Any]]:
-        """Take one action each, (num_envs, ...); where an episode ends, another begins."""
+        """Take an action in each environment, (num_envs, ...). After an episode the next begins."""
         valid = self._lockstep.validate_actions(actions, self.action_space.shape, "actions")
         reward, terminated, truncated, last_infos = self._lockstep.step(valid, self._generators)
         over = terminated | truncated
@@ -218,7 +218,7 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
         return self._lockstep.observe(self._all), reward, terminated, truncated, infos
 
     def render(self) -> tuple[Frame, ...] | None:
-        """Draw a frame of each environment; None, and a warning, without a render mode."""
+        """Draw a frame of each environment. Without a render mode, warn and return None."""
         if self.render_mode is None:
             _warn_without_render_mode()
             return None

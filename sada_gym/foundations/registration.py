@@ -43,7 +43,7 @@ def env_ids() -> tuple[str, ...]:
 
 
 def tracks(*, installed: bool = False) -> tuple[str, ...]:
-    """Return the leaderboard's tracks; `installed` leaves out those that lack a part."""
+    """Return the leaderboard's tracks; with `installed`, only those whose parts are installed."""
     chosen = (card for card in cards() if not (installed and card.missing))
     return tuple(env_id for card in chosen for env_id in card.track_ids)
 

@@ -99,16 +99,16 @@ def read_application(path: str | Path, *, agent: Any = None) -> Application:
     """Read a TOML file that describes an application.
 
     Its keys are the arguments of `GymnasiumApplication`, or those of `ImageApplication` in a file
-    with the key `images`. A parameter is an array `[low, high]`, or
-    a table with a `kind` of `KINDS` and that binding's fields. Paths in it are relative to its
-    folder. An agent `module:object` is imported, and a module may lie in that folder.
+    with the key `images`. A parameter is an array `[low, high]`, or a table with the `kind` of a
+    binding, such as `observation-noise`, and that binding's arguments. Paths in the file are
+    relative to its folder. An agent `module:object` is imported, also from that folder.
 
     Args:
         path: The TOML file.
-        agent: What takes the place of the file's agent, which is not looked at then.
+        agent: An agent in place of the file's, which is then ignored.
 
     Raises:
-        FileError: If the file is missing or no TOML.
+        FileError: If the file is missing or not TOML.
         UserError: If a key is unknown or missing, a value has the wrong type, or the application
             raises it.
     """
