@@ -43,20 +43,20 @@ def confirm_failures(
     workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Failures | None:
-    """Try each failure of a finished run again on fresh seeds, and write failures.json again.
+    """Try each failure of a finished run again on fresh seeds, and rewrite failures.json.
 
-    The scores are kept in the run's folder: a stopped call continues where it was, and one
-    with more seeds asks only for these.
+    The scores are kept in the run's folder, so that a stopped call continues where it was. A later
+    call with more seeds evaluates only the new ones.
 
     Args:
         run: A run, or its folder.
-        seeds: The number of fresh seeds for each failure; 0 tries none.
+        seeds: The number of fresh seeds for each failure, from 0.
         application: What the run attacked, if the run does not record it, see `Run.open`.
         workers: See `Workers`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Returns:
-        What failures.json holds; None where no sample fooled.
+        The contents of failures.json; None if no sample fooled.
 
     Raises:
         UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.

@@ -36,25 +36,25 @@ _FEWEST_RANKS = 3
 
 
 class Comparison(Strict):
-    """The samples of one run, where they were learnt and elsewhere.
+    """The rates of a run's samples in the run's own environment (here) and in another one (there).
 
     Attributes:
         run: The run's folder.
-        adversary: What reports call the adversary.
+        adversary: The adversary's name in reports.
+        seed: The run's seed.
         here: What the run attacked.
-        there: Where its samples are scored again.
-        keywords: The keywords that were given for it.
-        afr_here: The attack fooling rate of these samples in the run.
-        both: Of the samples that fooled here, the share that fools there too (precision); None
-            where none fooled.
-        new: Of the samples that did not fool here, the share that fools there; None where all did.
-        rank_correlation: Spearman's, of the scores here and there; None where all scores of one
-            world are equal, or for fewer than three samples.
-        invalid: How many samples count in no figure, because their world broke here or there.
-        clipped: By parameter, how many samples lie outside its range there. They are moved to the
-            nearest end of it.
-        ordinary: How often worlds of the run's ordinary use fail there; None where that was not
-            asked for. Without a density they are even.
+        there: Where the samples are scored again.
+        keywords: The keywords given for `there`.
+        afr_here: The attack fooling rate of these samples here; `afr_there`: the rate there.
+        both: The share that also fools there, of the samples that fooled here; None if none did.
+        new: The share that fools there, of the samples that did not fool here; None if all did.
+        rank_correlation: Spearman's, of the scores here and there; None for fewer than three
+            samples, or if all scores on one side are equal.
+        invalid: How many samples are left out because their world is invalid here or there.
+        clipped: By parameter, how many samples lie outside its range there; they are moved to the
+            nearest end of the range.
+        ordinary: How often worlds of the run's ordinary use (without a density, uniform worlds)
+            fail there; None from `rescore` and `confirm`.
     """
 
     run: str
@@ -74,18 +74,18 @@ class Comparison(Strict):
 
 
 class Transfers(Strict):
-    """The comparisons of runs with the worlds that their samples were tried in."""
+    """The result of `transfer`: a comparison for each run and each target."""
 
     comparisons: tuple[Comparison, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Rescored:
-    """A run's samples, scored in another world.
+    """The result of `rescore` and `confirm`.
 
     Attributes:
-        comparison: The figures.
-        scores: The samples as mu of that world, with their scores and seeds there.
+        comparison: The rates here and there.
+        scores: The samples as mu of the other environment, with their scores and seeds there.
     """
 
     comparison: Comparison
@@ -104,16 +104,16 @@ def rescore(
     application: Application | str | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Rescored:
-    """Score the samples of one finished run in one other world; see `transfer`.
+    """Score the samples of one finished run in one other environment; see `transfer`.
 
     Args:
         run: A run, or its folder.
         target: An id, a TOML file or an application; None takes what the run attacked, with
             another agent, other keywords or other seeds.
-        agent: See `transfer`, also for the others.
-        env_kwargs: Keywords of the id.
-        samples: Takes the first so many; None takes all.
-        seed: Draws other evaluation seeds; None takes those of the samples.
+        agent: See `transfer`.
+        env_kwargs: Keywords for the id.
+        samples: The number of samples to score, the first ones; None takes all.
+        seed: The seed of new evaluation seeds; None takes those of the samples.
         workers: See `Workers`.
         application: What the run attacked, if the run does not record it, see `Run.open`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
@@ -147,23 +147,23 @@ def transfer(
     application: Application | str | None = None,
     on_scores: OnScores = lambda *_: None,
 ) -> Transfers:
-    """Score the samples of finished runs in other tracks, against other agents, on other shapes.
+    """Score the samples of finished runs on other tracks, or against other agents.
 
-    A sample keeps its physical values, so its mu changes where a range differs. A value outside a
-    range is moved to its end, and counted. As many ordinary worlds, at most a hundred, are scored
-    too: if these also fail, samples that fail say little. The scores are kept in
+    A sample keeps its physical values, so its mu changes if a range differs. A value outside a
+    range is moved to the nearest end and counted. As many ordinary worlds, at most 100, are scored
+    too: if most of these fail as well, failing samples say little. The scores are kept in
     `elsewhere.sqlite` in the run's folder, so that a stopped call continues where it was.
 
     Args:
         runs: Runs, or their folders.
-        to: Ids, TOML files or applications. None of them means each run's own track, with another
+        to: Ids, TOML files or applications. If empty, each run's own track is used, with another
             agent or other keywords.
-        agent: The agent there. By default it is the run's, where it is shipped for that track, and
-            else the track's own.
-        env_kwargs: Keywords of the ids.
-        samples: Takes the first so many of a run; None takes all.
-        seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
-            application differ in nothing else.
+        agent: The agent there. By default it is the run's agent if that is shipped for the track,
+            otherwise the track's default agent.
+        env_kwargs: Keywords for the ids.
+        samples: The number of samples of each run to score, the first ones; None takes all.
+        seed: The seed of new evaluation seeds; None takes those of the samples, so that nothing
+            else differs in worlds of the same application.
         workers: See `Workers`.
         application: What the runs attacked, if the runs do not record it, see `Run.open`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
@@ -196,22 +196,22 @@ def confirm(
     workers: int | Workers = 1,
     on_scores: OnScores = lambda *_: None,
 ) -> Rescored:
-    """Try a run's samples again in its own track with changed keywords, such as a slow renderer.
+    """Score a run's samples again on its own track with other keywords, such as a slow renderer.
 
-    Each sample keeps its seed. The run's folder gets `confirmed.json` and, with mu, score and seed
-    of each sample, `confirmed.npz`.
+    Each sample keeps its seed. The run's folder gets `confirmed.json` and `confirmed.npz`, which
+    has the mu, score and seed of each sample.
 
     Args:
         run: A run of an id, or its folder.
-        env_kwargs: The keywords that change, such as `{"renderer": "blender"}`; all others stay.
-        samples: Takes the first so many; None takes all.
-        out: Another name for confirmed.json; the arrays lie beside it.
+        env_kwargs: The keywords to change, such as `{"renderer": "blender"}`; others stay the same.
+        samples: The number of samples to score, the first ones; None takes all.
+        out: Another path for confirmed.json; the arrays are written beside it.
         workers: See `Workers`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
         UserError: As `transfer` does, or if nothing changes.
-        FileError: If the file holds another confirmation.
+        FileError: If the file holds a confirmation with other keywords.
     """
     attacked = as_run(run)
     path = attacked.folder / CONFIRMED_FILE if out is None else _json_path(out)

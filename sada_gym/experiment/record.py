@@ -57,10 +57,7 @@ class Experiment(Strict):
 
     @property
     def place(self) -> str:
-        """The track, the agent and the rule as one name, `TRACK.AGENT.RULE`, valid as a file name.
-
-        An entry of the leaderboard has one result for each such name.
-        """
+        """`TRACK.AGENT.RULE`, the name of its result in an entry; it is valid as a file name."""
         return place_of(self.target.track, self.target.agent, self.protocol.rule)
 
     @property

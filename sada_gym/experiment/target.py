@@ -76,10 +76,7 @@ class Target(Strict):
     def of(
         cls, application: Application, track: str = "", *, reference: Reference | None = None
     ) -> Self:
-        """Describe an application by its track (empty if it has none) and its reference set.
-
-        Raises a StoreError if nothing identifies the agent.
-        """
+        """Describe an application; raises a StoreError if nothing identifies its agent."""
         return cls(
             track=track or f"{application.name}-v{application.version}",
             agent=application.agent_name,

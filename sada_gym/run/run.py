@@ -46,8 +46,7 @@ from sada_gym.run.worlds import WORLDS_FILE, read_columns
 class Run:
     """A finished run; `print` shows its summary.
 
-    `diagnosis`, `failures` and `estimate` are read from the folder each time: later calls may write
-    them.
+    `diagnosis`, `failures` and `estimate` are read from the folder each time.
 
     Attributes:
         folder: The folder that `attack` wrote.

@@ -25,29 +25,29 @@ _TRIED = 20
 
 
 class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
-    """Draws the world of each episode: failures of the agent, mixed with uniform and nominal ones.
+    """Draws the world of each episode: a failure of the agent, a uniform or a nominal world.
 
-    Observations, actions and rewards are the environment's own, so that any training script takes
-    it. Wrappers of yours go around it, or into the function that makes the environment. The infos
-    of a reset and of an episode's last step hold `curriculum`: the `source`, and `mu` and the
-    physical `parameters` of the world, where it has some. Copies and unpickled ones need a reset,
-    and draw other worlds than the original, unless that has a seed.
+    Observations, actions and rewards are those of the environment, so that it works with any
+    training script. Put your wrappers around it, or into the function that makes the environment.
+    The infos of a reset and of the last step of an episode have `curriculum`: the `source`, and (if
+    the world has one) `mu` and the physical `parameters`. Copied and unpickled environments need a
+    reset. They draw other worlds than the original, unless the reset has the same seed.
 
     Args:
-        environment: What to train in: a TOML file or a `GymnasiumApplication`, whose agent does not
-            matter; the id or the environment of a task of ours (`SADA-RobotTask-v0`,
-            `SADA-DrivingTask-v0`, or an id that is attacked, such as `SADA-Robot-v0`); or an
-            environment of your own with `set_mu` and `space` (`analyses.training.worlds.Worlds`).
-        source: Where failures come from: the folder of a run, whose adversary makes new ones; an
-            adversary; a suite; `failures(RUN)`, those that the run met; `weaknesses(RUN)`, its
-            diagnosis; an array of mu, (n, d); or several of these by name.
-        shares: The share of the episodes of each source, by its name, which is `failures` where
-            there is one, of `uniform` and of `nominal` worlds. They sum to 1. By default half of
-            the episodes are failures, a quarter uniform and a quarter nominal.
-        render_mode: The environment's; leave it out where you pass an environment.
+        environment: A TOML file or a `GymnasiumApplication`, whose agent is not used; the id or the
+            environment of a shipped task (`SADA-RobotTask-v0`, `SADA-DrivingTask-v0`, or an id that
+            is attacked, such as `SADA-Robot-v0`); or your own environment with `set_mu` and
+            `space`, see `Worlds`.
+        source: Where failures come from: the folder of a run (its adversary draws new ones); an
+            adversary; a suite; `failures(RUN)`, the failures in the run; `weaknesses(RUN)`, worlds
+            in the weaknesses of its diagnosis; an array of mu, (n, d); or several of these by name.
+        shares: The share of episodes by source: `failures` (or the names of your sources),
+            `uniform` and `nominal`. They sum to 1. By default, half of the episodes are failures, a
+            quarter is uniform and a quarter nominal.
+        render_mode: The environment's render mode; omit it if you pass an environment.
 
     Raises:
-        UserError: If the environment is none of these, or as `WorldMixture` says.
+        UserError: If the environment is none of these, or for the reasons of `WorldMixture`.
 
     Example:
         >>> env = make_vec_env(lambda: FailureCurriculum("pole.toml", "runs/pole"), n_envs=8)
@@ -81,13 +81,13 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
     def set_source(
         self, source: Any, name: str = FAILURES, shares: Mapping[str, float] | None = None
     ) -> None:
-        """Take another source of failures from the next reset on.
+        """Use another source of failures from the next reset on.
 
-        `env_method("set_source", "runs/second")` of Stable-Baselines3 reaches all copies.
+        In Stable-Baselines3, `env_method("set_source", "runs/second")` reaches all environments.
 
         Args:
-            source: As the constructor takes it.
-            name: Which source it replaces; another name adds one.
+            source: A source as in the constructor.
+            name: The name of the source to replace; a new name adds a source.
             shares: New shares; None keeps those that were given.
 
         Raises:
@@ -98,9 +98,9 @@ class FailureCurriculum(gym.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in another world; `options` go to the environment.
+        """Begin an episode in a new world; `options` go to the environment.
 
-        With a seed, any int from 0 up, this world and all later ones follow from it.
+        A seed, any int from 0 up, fixes this world and all later ones.
         """
         seed = validate_seed(seed)
         if seed is not None or self._rng is None:

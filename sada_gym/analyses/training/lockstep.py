@@ -83,14 +83,14 @@ def curriculum_vec_env(
     shares: Mapping[str, float] | None = None,
     starts: Any = None,
 ) -> CurriculumVecEnv:
-    """Make `FailureCurriculum` of a task of ours many times in lockstep, for Stable-Baselines3.
+    """Make a vector environment of `FailureCurriculum` for a shipped task and Stable-Baselines3.
 
     Args:
         environment: An id, such as `SADA-Robot-v0`.
-        source: See `FailureCurriculum`, as for `shares`.
-        num_envs: The number of episodes.
-        shares: The shares of the sources.
-        starts: The start distribution, such as `sada_gym.envs.driving.DriveDistribution()`.
+        source: See `FailureCurriculum`.
+        num_envs: The number of environments.
+        shares: See `FailureCurriculum`.
+        starts: The distribution of starts, such as `sada_gym.envs.driving.DriveDistribution()`.
 
     Raises:
         UserError: As `FailureCurriculum` does.

@@ -34,14 +34,14 @@ class WorldMixture:
 
     Args:
         space: The worlds that the environment can make.
-        source: What `analyses.training.sources.as_source` takes, which is called `failures`;
-            several of them by name; or None.
-        shares: The share of each source by its name, of `uniform` worlds and of `nominal` ones;
-            they sum to 1, and what is left out has none. None gives half to the sources, evenly,
+        source: A source as in `FailureCurriculum`, which gets the name `failures`; several sources
+            by name; or None.
+        shares: The share of episodes by the name of the source, also `uniform` and `nominal`. They
+            sum to 1; names that are missing have 0. None gives half to the sources, in equal parts,
             and a quarter each to uniform and nominal worlds.
 
     Raises:
-        UserError: If a source cannot be read or has worlds of other parameters, or the shares are
+        UserError: If a source cannot be read or its worlds have other parameters, or the shares are
             not as described.
     """
 
@@ -72,7 +72,7 @@ class WorldMixture:
 
     @property
     def shares(self) -> dict[str, float]:
-        """The share of each source that has any."""
+        """The shares above 0, by the name of the source."""
         if self._given is not None:
             return {name: share for name, share in self._given.items() if share > 0.0}
         rest = 0.25 if self._pools else 0.5

@@ -50,10 +50,10 @@ class Source(Protocol):
 
 
 def failures(run: Run | str | Path) -> Source:
-    """Return the failures of a finished run, samples and training queries, each world once.
+    """Return a source of the failures among a run's samples and queries, each world once.
 
     Raises:
-        UserError: If the folder holds no finished run, or nothing in it failed.
+        UserError: If the folder holds no finished run, or the run has no failures.
     """
     finished = as_run(run)
     folder, known = finished.folder, finished.samples + _queries(finished)
@@ -67,10 +67,10 @@ def failures(run: Run | str | Path) -> Source:
 
 
 def weaknesses(run: Run | str | Path) -> Source:
-    """Return the weaknesses that a run's diagnosis names, each as often as its share of failures.
+    """Return a source of worlds in the weaknesses of a run's diagnosis, by their share of failures.
 
     Raises:
-        UserError: If the run has no diagnosis, or that names no weakness.
+        UserError: If the run has no diagnosis, or the diagnosis has no weaknesses.
     """
     folder = run.folder if isinstance(run, Run) else run
     found = read_diagnosis(folder).weaknesses

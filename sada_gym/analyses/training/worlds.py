@@ -22,12 +22,12 @@ class WorldSpace:
     """The worlds that an environment can make.
 
     Attributes:
-        name: The application's name, such as `SADA-Robot`; empty where it has none.
-        parameters: What mu sets.
-        nominal: mu, (d,), of the world in ordinary use; None where that is the environment as it
-            is, without a mu.
-        density: How likely worlds are in ordinary use, or None if it is unknown.
-        permits: Says which worlds of mu, (n, d), can exist, (n,).
+        name: The application's name, such as `SADA-Robot`; empty if it has none.
+        parameters: The parameters that mu sets.
+        nominal: The mu of the nominal world, (d,); None if that is the environment as it is,
+            without a mu.
+        density: How likely worlds are in ordinary use; None if it is unknown.
+        permits: A function that returns which worlds of mu, (n, d), can exist, as (n,) bool.
     """
 
     name: str
@@ -38,15 +38,15 @@ class WorldSpace:
 
 
 class Worlds(Protocol):
-    """An environment, not wrapped any further, in which worlds are set by mu."""
+    """What your own environment needs, without wrappers: `space`, and `set_mu` to set the world."""
 
     @property
     def space(self) -> WorldSpace:
-        """Its worlds."""
+        """The worlds that it can make."""
         ...
 
     def set_mu(self, mu: Floats32 | None) -> None:
-        """Set the world of the episodes from the next reset on, (d,); None sets nothing."""
+        """Set mu, (d,), for episodes from the next reset on; None: the environment as it is."""
 
 
 class NoAgent:

@@ -95,8 +95,5 @@ ROWS: dict[str, str] = {
 
 
 def rates_of(table: Mapping[str, Rates], key: str) -> Mapping[str, float]:
-    """Return a column of `TABLE_1` or `CLASS_TABLE`, by the labels of the shipped adversaries.
-
-    It is empty if the table has no such column.
-    """
+    """Return a column of `TABLE_1` or `CLASS_TABLE` by adversary; empty if it has no such one."""
     return {label: table[row][key] for label, row in ROWS.items() if key in table[row]}
