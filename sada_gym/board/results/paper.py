@@ -95,5 +95,5 @@ ROWS: dict[str, str] = {
 
 
 def rates_of(table: Mapping[str, Rates], key: str) -> Mapping[str, float]:
-    """Return a column of `TABLE_1` or `CLASS_TABLE` by adversary; empty if it has no such one."""
+    """Return a column of `TABLE_1` or `CLASS_TABLE` by adversary label; empty if missing."""
     return {label: table[row][key] for label, row in ROWS.items() if key in table[row]}
