@@ -109,10 +109,12 @@ def results_of_suite(entries: Sequence[Entry], suite: str) -> Results:
 def heading(suite: str) -> str:
     """Return how a page `docs/results/SUITE/table.md` begins."""
     title = {"table-1": "Table 1", "agents": "The other agents"}.get(suite, suite.capitalize())
+    where = {"table-1": "the paper's tracks", "agents": "the other agents"}.get(suite, suite)
     return (
         f"# {title} in full\n\n"
-        "The entries' own claims. [The results](../index.md) show what the verifier measured on "
-        "fresh seeds."
+        f"**Every measure of every adversary on {where}, as the "
+        "[leaderboard's](../../leaderboard.md) entries claim them.** [The results](../index.md) "
+        "show fewer measures, which the verifier measured again on fresh seeds."
     )
 
 

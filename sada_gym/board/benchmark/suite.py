@@ -143,8 +143,8 @@ CONTROLS = frozenset({IDEAL, "memorise"})
 _PAPER_BUDGETS = Table(
     name="paper-budgets",
     title="The paper's budgets",
-    note="As in the paper: N queries for every adversary, another number for the Bayesian one; "
-    "boosting's samples come on top of N.",
+    note="As in the paper: N queries for every adversary (on detection another number for "
+    "`bayesian`); the samples that boosting adds are extra.",
     budget=Budget(queries=1_000, boosting_on_top=True),
     budget_of={
         "SADA-Detection": Budget(

@@ -30,18 +30,17 @@ from sada_gym.foundations.files import write_file
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
 
 _LEGEND = """\
-- F1: how often the samples fool *and* how much they cover, in one figure: the harmonic mean of the
-  AFR over that of `ideal`, at most 1, and coverage / ideal. The rank is by F1. Where there is no
-  coverage, it is by AFR.
+- F1 joins AFR and coverage: it is the harmonic mean of AFR / ideal AFR (at most 1) and coverage /
+  ideal coverage. The rank is by F1; where there is no coverage, it is by AFR.
 - AFR: the share of an adversary's M test samples that fool the agent, on seeds that training never
   saw. IQM: its interquartile mean over all runs.
-- Coverage: the share of the true fooling set, as a dense reference sample shows it, that those
-  samples which fool cover; also over that of `ideal`, which draws from that set itself and is
-  the best that can be done. Its AFR is below 100 % because a point of the fooling set fools on at
-  least half of the seeds, not on all. Density: above the ideal's where samples crowd.
+- Coverage: the share of the fooling set that the fooling samples reach. A dense reference sample
+  stands for the fooling set. `ideal` draws from the fooling set itself, and *coverage / ideal*
+  divides by its coverage. The AFR of `ideal` is below 100 %, because a point belongs to the set if
+  it fools on at least half of its seeds. Density is higher than that of `ideal` if samples crowd.
 - Front: on how many tracks no other ranked adversary has both a higher AFR and a higher coverage.
 - μ_std: the samples' spread, 0.577 where uniform. Novelty: the median distance from a sample to the
-  nearest training query; over ideal samples', 0 where it repeats queries.
+  nearest training query. *Novelty / ideal* divides by that of ideal samples; 0 repeats queries.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `memorise` are controls and have none.
 """
@@ -67,17 +66,27 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     everything = [row for comparison in results.comparisons for row in comparison.rows]
     hints = (measure.hint for measure in _means(everything).values() if measure.optional)
     yield from ("", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
-    for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons):
-        yield from _all_applications(results, table)
+    overviews = {
+        table: [*_all_applications(results, table)]
+        for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons)
+    }
+    yield from (line for overview in overviews.values() for line in overview)
+    notes_of_tables = {c.table.name: c.table.note for c in results.comparisons}
     for comparison in results.comparisons:
-        rows = comparison.rows
-        yield from (f"## {', '.join(comparison.names)}", "", comparison.table.note, _budgets(rows))
+        rows, table = comparison.rows, comparison.table
+        application = comparison.runs[0].experiment.target.application.name
+        title = (table.title, application.removeprefix("SADA-"), comparison.agent)
+        yield from (f"## {', '.join(filter(None, title))}", "")
+        yield from (notes_of_tables.pop(table.name, ""), _budgets(rows))
         over = _tracks(max(row.tracks for row in rows))
         yield from ("", f"### All measures, mean over {over}", "")
         yield from _all_measures(comparison)
         by_track = _ByTrack(results, dict.fromkeys(comparison.tracks, comparison))
-        yield from _like_the_paper(by_track, _paper_columns(by_track.tracks))
-        yield from _rates(by_track)
+        columns = _paper_columns(by_track.tracks)
+        if not (overviews[table.name] and is_default(application, comparison.agent)):
+            yield from _like_the_paper(by_track, columns)
+        if {c.tracks[0] for c in columns if not c.is_mean} != {*by_track.tracks}:
+            yield from _rates(by_track)  # else those columns have them
         yield from _coverages(by_track)
     yield from _targets(results)
     yield from _remarks(results, notes)
@@ -229,7 +238,7 @@ def _rates(by_track: _ByTrack) -> Iterator[str]:
     """Show the AFR of every track, beside the paper's appendix where that has the class."""
     tracks, classes, of_class = by_track.tracks, set(_CLASSES), paper.CLASS_TABLE
     by_class = "### By class: AFR in %, ours / the paper's appendix"
-    other = "### By track: AFR in %, where the paper has the track / the paper's"
+    other = "### By track: AFR in %"
     columns = [
         _TrackColumn(short_name(track), [track], paper.rates_of(of_class, track))
         for track in tracks
@@ -247,7 +256,10 @@ def _rates(by_track: _ByTrack) -> Iterator[str]:
             cell = text_cell(f"{cell.text or '-'} / {spreads[label]:.3f}")
         cells.append(cell)
     titles = ("adversary", *(column.title for column in columns), MEANS["mu_std"].title)
-    yield from _section(by_class if set(tracks) <= classes else other, titles, lines.values())
+    is_by_class = set(tracks) <= classes
+    yield from _section(by_class if is_by_class else other, titles, lines.values())
+    if is_by_class:
+        yield from ("In some cells the paper's appendix differs from its Table 1.", "")
 
 
 def _coverage(by_track: _ByTrack, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
