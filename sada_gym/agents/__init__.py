@@ -125,7 +125,7 @@ def _unknown(name: str, known: Sequence[str], otherwise: str = "") -> UserError:
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:
-    """Return the agent that an application's `agent=` stands for, after its name in reports.
+    """Return the name in reports, and the agent, that an application's `agent=` stands for.
 
     Args:
         agent: A shipped agent's name, a file, or the agent itself.

@@ -318,11 +318,11 @@ def mujoco_model(world: Any) -> Any:
 
 
 def mujoco_fault(world: Any) -> str:
-    """Say what went wrong in a MuJoCo simulation; empty where nothing did, or it is another one.
+    """Say what went wrong in a MuJoCo simulation; empty if nothing did, or without MuJoCo.
 
-    That is a negative mass or inertia, a timestep that is not positive, or a warning that MuJoCo
-    counts: a state that is not finite or too fast, after which it resets itself, a singular inertia
-    matrix, or more contacts than fit its memory.
+    It finds a negative mass or inertia, a timestep that is not positive, and MuJoCo's warnings: a
+    state that is too fast or not finite, after which MuJoCo resets itself; a singular inertia
+    matrix; more contacts than fit its memory.
     """
     model, data = mujoco_model(world), getattr(world, "data", None)
     if model is None or data is None or not hasattr(data, "warning"):

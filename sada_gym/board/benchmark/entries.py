@@ -27,9 +27,10 @@ class Missing:
     """What a plan asks for and the entries lack.
 
     Attributes:
-        lacking: The number of results that lack some of the plan's seeds, or all.
-        outdated: The number of results that are there, but of another experiment: the track, the
-            agent, the adversary's options, the budget or the number of samples have changed.
+        runs: The runs to make.
+        lacking: The number of results in which some seeds are missing, or all.
+        outdated: The number of results of another experiment: the track, the agent, the
+            adversary's options, the budget or the number of samples have changed.
     """
 
     runs: tuple[RunSettings, ...]

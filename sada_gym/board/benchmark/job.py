@@ -27,7 +27,7 @@ _PATIENCE_S = 60.0
 
 
 class RunError(RuntimeError):
-    """A run could not be made because of a bug: neither the store nor the adversary refused."""
+    """A bug in an adversary or an application stopped a run."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ Targets = Mapping[tuple[str, str], OpenTarget]
 def draw_benchmark(out: Path, results: Results, entries: Sequence[Entry], targets: Targets) -> None:
     """Draw the pictures of every table and agent into OUT/pictures.
 
-    What needs a reference set, or training queries, is left out where there are none.
+    Without a reference set or training queries, the pictures that need them are left out.
     """
     for path, content in _pictures(out, results, entries, targets):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -33,11 +33,11 @@ _MAX_PLACE = 150
 
 @dataclass(frozen=True, eq=False)
 class RunGroup:
-    """The runs of one target and seed: they share a store, so one follows the other in this order.
+    """The runs of one target and seed. They share a store, so they run in this order, one by one.
 
     Attributes:
-        fooling_set: The points that coverage is measured by, (R, d); None where none are known.
-        ideal_set: Other points known to fool, (R, d), which ideal samples are drawn from.
+        fooling_set: The points by which coverage is measured, (R, d); None if none are known.
+        ideal_set: Other points known to fool, (R, d), from which `ideal` draws its samples.
     """
 
     target: Target
@@ -49,7 +49,7 @@ class RunGroup:
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """All runs that a call of the benchmark does, and what each entry says of itself, by label."""
+    """All runs of a benchmark, in groups, and the `metadata` of its entries by label."""
 
     suite: BenchmarkSuite
     groups: tuple[RunGroup, ...]
@@ -58,14 +58,14 @@ class BenchmarkPlan:
 
     @property
     def runs(self) -> Iterator[RunSettings]:
-        """List all runs."""
+        """All runs, group by group."""
         return (run for group in self.groups for run in group.runs)
 
 
 def make_plan(suite: BenchmarkSuite, references: Path = FOLDER) -> BenchmarkPlan:
-    """Lay out all runs of a suite, and check everything that can be checked beforehand.
+    """Plan all runs of a suite, and check everything that can be checked before a run.
 
-    What does not fit is a TypeError or ValueError.
+    A part of the suite that is not valid is a TypeError or ValueError.
     """
     notes, rows = list[str](), dict[str, AdversarySpec]()
     for label, spec in suite.adversaries.items():
@@ -108,9 +108,9 @@ def make_plan(suite: BenchmarkSuite, references: Path = FOLDER) -> BenchmarkPlan
 
 
 def metadata_of(label: str, adversary: AdversarySpec) -> EntryMetadata:
-    """Write down what the entry of an adversary says of itself.
+    """Return the metadata for the entry of an adversary.
 
-    A label that gives no name for a folder, or options that are no JSON, are a UserError.
+    It raises `UserError` if the label gives no name for a folder, or the options are not JSON.
     """
     ours = ADVERSARIES.get(label) == adversary
     try:

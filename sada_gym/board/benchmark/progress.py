@@ -1,8 +1,8 @@
 """How workers report their progress to the benchmark, and the benchmark to its caller.
 
-Workers that can read the benchmark's folder write one small file a run there. The folder also
-holds a token, new with each call of the benchmark. A worker that finds the token sees the folder;
-one that later finds another token, or none, knows that nobody waits for its run.
+Workers that can read the benchmark's folder write one small file for each run there. The folder
+also holds a token, new with each call of the benchmark. A worker that finds the token sees the
+folder; one that later finds another token, or none, knows that nobody waits for its run.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ _EVERY_S = 0.5
 
 
 class BenchmarkCallback:
-    """What a benchmark calls as it goes on, always in the caller's own thread.
+    """Receives the progress of a benchmark, always in the caller's own thread.
 
-    The methods do nothing: a subclass overrides those that it needs.
+    The methods do nothing; override those that you need.
     """
 
     def on_start(self, plan: BenchmarkPlan, missing: Missing) -> None:
-        """Receive the plan and what of it is yet to be made."""
+        """Receive the plan, and the runs of it that are still to be made."""
 
     def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Receive a run's progress, if its worker can read the benchmark's folder."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
-        """Receive a finished run, which is in its entry by now."""
+        """Receive a finished run, which is already in its entry, and how long it took."""
 
     def on_report(self) -> None:
-        """Learn that all runs are there, before the report is written."""
+        """All runs are finished; the report is written next."""
 
 
 class Abandoned(RuntimeError):  # noqa: N818 - reads as what happened

@@ -29,7 +29,7 @@ class TableComparison:
 
     @property
     def name(self) -> str:
-        """What files and places on pages are called by: `TABLE.AGENT`."""
+        """The name in files and links: `TABLE.AGENT`."""
         return slug(f"{self.table.name}.{self.agent}".strip("."))
 
     @property
@@ -39,7 +39,7 @@ class TableComparison:
 
     @property
     def tracks(self) -> tuple[str, ...]:
-        """The tracks with runs."""
+        """The tracks that have runs."""
         return tuple(dict.fromkeys(run.track for run in self.runs))
 
     @cached_property
@@ -58,11 +58,11 @@ class TableComparison:
 
 @dataclass(frozen=True)
 class Results:
-    """The results of entries, put together in tables.
+    """The results of entries, in tables.
 
     Attributes:
-        targets: The agents that were attacked.
-        comparisons: Each table with each agent that it attacks.
+        targets: The agents that were attacked, each on its track.
+        comparisons: One for each table and each agent that it attacks.
     """
 
     targets: tuple[Target, ...]
@@ -75,7 +75,7 @@ class Results:
 
     @property
     def packages(self) -> dict[str, tuple[str, ...]]:
-        """The versions of the packages that took part in any run, by package."""
+        """The versions of all packages that the runs used, by package."""
         versions: dict[str, set[str]] = {}
         for name, version in (pair for run in self.runs for pair in run.claims.packages.items()):
             versions.setdefault(name, set()).add(version)
@@ -83,16 +83,16 @@ class Results:
         return {name: tuple(sorted(versions[name])) for name in ordered}
 
     def seeds_of(self, target: Target) -> list[int]:
-        """List the seeds of the runs that attack a target."""
+        """Return the seeds of the runs that attack a target."""
         return sorted({run.claims.seed for run in self.runs if run.experiment.target == target})
 
     def find(self, table: str, agent: str) -> TableComparison | None:
-        """Find the runs of a table against an agent."""
+        """Return the runs of a table against an agent, or None."""
         named = (c for c in self.comparisons if (c.table.name, c.agent) == (table, agent))
         return next(named, None)
 
     def rows_of(self, table: str, agent: str, track: str | None) -> tuple[Row, ...]:
-        """List the rows of one table and agent, over all tracks or on one."""
+        """Return a table's rows against an agent, on one track or over all tracks (None)."""
         comparison = self.find(table, agent)
         if comparison is None:
             return ()
@@ -102,15 +102,14 @@ class Results:
 def results_of(
     entries: Sequence[Entry], tables: Sequence[Table] = (), *, tier: Tier = "claimed"
 ) -> Results:
-    """Put the results of entries together in tables, with intervals and ranks.
+    """Make tables of the results of entries, with intervals and ranks.
 
     Args:
-        entries: The entries. Leave out the results that are outdated; see
-            `sada_gym.board.results.entry.Entry`.
-        tables: The tables. Each takes the results that were made by its rule against its agents;
-            none takes those of all rules.
-        tier: What to show: what all entries claim, or what the verifier found of those results
-            that it has seen.
+        entries: The entries, without outdated results (see `Entry.keeping`).
+        tables: The tables. Each shows the results of its rule for the budget against its agents.
+            Without any, there is a table for every rule that occurs.
+        tier: Which figures to show: `claimed`, those of the entries; or `verified`, those of the
+            verifier, for the results that it checked.
 
     Raises:
         UserError: If two results attack different versions of a track or of its agent.

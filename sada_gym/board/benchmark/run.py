@@ -37,10 +37,10 @@ class CostEstimate:
     """What the missing runs of a table cost on one track.
 
     Attributes:
-        evaluations: The most evaluations that they ask for, training queries and test samples. Runs
-            of one track, agent and seed share some.
-        core_hours: The hours of one core that those runs take whose like is known.
-        unknown: The number of the other runs.
+        evaluations: The number of their training queries and test samples. Runs of one track, agent
+            and seed share some, so fewer worlds may be evaluated.
+        core_hours: The time that they take on one core, as similar finished runs took.
+        unknown: The number of runs without a similar finished run; `core_hours` leaves them out.
     """
 
     table: str
@@ -60,7 +60,7 @@ _LIKE: tuple[Callable[[RunKey], tuple[str, ...]], ...] = (
 
 
 def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[CostEstimate]:
-    """Estimate what runs cost, table by table and track by track, by what finished runs took."""
+    """Estimate the cost of runs for each table and track, from the times of finished runs."""
     took: dict[tuple[str, ...], list[float]] = {}
     for timing in costs:
         for like in _LIKE:
@@ -89,7 +89,7 @@ def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> l
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """The results of a benchmark, where they are, and what a reader must know."""
+    """The results of a benchmark, the folders of its report and its entries, and remarks."""
 
     results: Results
     folder: Path
@@ -106,28 +106,28 @@ def run_benchmark(
     references: str | Path = FOLDER,
     callback: BenchmarkCallback | None = None,
 ) -> BenchmarkResult:
-    """Run a suite: every table, track, agent, adversary and seed; then report.
+    """Run every table, track, agent, adversary and seed of a suite; then write the report.
 
-    Each finished run is added to its entry at once. Killed at any moment and called again with the
-    same arguments, it repeats no finished run and no evaluation, and ends with the same entries.
-    Another machine needs only the entries to go on. With more tracks, seeds or adversaries it only
-    adds their runs. Outdated results are repeated.
+    Each finished run is added to its entry at once. If the call is killed, call it again with the
+    same arguments: it repeats no finished run and no evaluation, and ends with the same entries. To
+    continue on another machine, copy the entries. If you add tracks, seeds or adversaries, only
+    their runs are made. Outdated results are made again.
 
     Args:
         suite: The suite to run.
         out: The benchmark's folder, for evaluations, costs, tables and pictures.
         entries: The folder of the entries; None takes `out`/entries.
-        workers: The number of processes. The runs of one track, agent and seed follow one
-            another; such groups go side by side. Where there are fewer groups than processes,
-            each run evaluates in several. Of an executor, see `Workers`, it is how many workers
-            that has, which need not see `out`. The result does not depend on it.
+        workers: The number of processes. Groups of runs with the same track, agent and seed run in
+            parallel; the runs of a group run one after another. If there are fewer groups than
+            processes, each run evaluates in several. With an executor (see `Workers`), give its
+            number of workers; they need not have access to `out`. Results do not depend on it.
         references: The folder of the reference sets.
-        callback: Called as the benchmark goes on.
+        callback: Receives the progress.
 
     Raises:
-        TypeError, ValueError: If a part of the suite does not fit, the folder holds something
-            else, or a file of an entry cannot be read.
-        WorkerError: If a run killed its process three times, or the executor gave up.
+        TypeError, ValueError: If a part of the suite is not valid, if the folder holds something
+            else, or if a file of an entry cannot be read.
+        WorkerError: If a run killed its process three times, or the executor failed.
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
     folder, entries_folder, references = _places(out, entries, references)
@@ -154,7 +154,7 @@ def run_benchmark(
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a benchmark would do and cost, and what a reader must know."""
+    """What a benchmark would do: `missing.runs` are the runs to make, `estimates` their costs."""
 
     missing: Missing
     estimates: tuple[CostEstimate, ...]
@@ -168,10 +168,10 @@ def plan_benchmark(
     entries: str | Path | None = None,
     references: str | Path = FOLDER,
 ) -> Outlook:
-    """Say what `run_benchmark` would do and what that costs; nothing is run or written.
+    """Return what `run_benchmark` would do and what that costs; nothing is run or written.
 
-    The costs follow from the finished runs in `out`; without `entries` those of `out` count. What
-    does not fit, or cannot be read, is a TypeError or ValueError.
+    Costs are estimated from the finished runs in `out`. Without `entries`, those in `out` count. A
+    part of the suite that is not valid, or cannot be read, is a TypeError or ValueError.
     """
     folder, entries_folder, references = _places(out, entries, references)
     plan = make_plan(suite, references)
@@ -187,11 +187,11 @@ def report_benchmark(
     suite: BenchmarkSuite | None = None,
     notes: Sequence[str] = (),
 ) -> BenchmarkResult:
-    """Write the tables and the pictures of all results that a folder's entries hold by now.
+    """Write the tables and pictures of all results that the entries hold so far.
 
-    Another process may be at work there. Without `entries` those in `out` count, and without a
-    suite all tracks and the rules by which the results were made. Another folder, or one without a
-    result, is a ValueError.
+    A benchmark may be running there meanwhile. Without `entries`, those in `out` count. Without a
+    suite, the report has all tracks and all rules for the budget that occur. A folder that is no
+    benchmark's, or has no result, is a ValueError.
     """
     folder, entries_folder, references = _places(out, entries, references)
     with file_errors("read", entries_folder):

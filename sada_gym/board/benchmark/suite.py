@@ -26,8 +26,9 @@ class Budget(Strict):
     """How many training queries an adversary may spend.
 
     Attributes:
-        of_adversary: Another number for some adversaries, by registered name.
-        boosting_on_top: Whether boosting's samples come on top of N, as in the paper, or out of it.
+        queries: The number N of queries.
+        of_adversary: Another number for some adversaries, by name.
+        boosting_on_top: Whether boosting may query its samples beyond N, as in the paper.
     """
 
     queries: int = Field(ge=1)
@@ -35,7 +36,7 @@ class Budget(Strict):
     boosting_on_top: bool = False
 
     def of(self, name: str, adversary: Adversary | None) -> int:
-        """Return how many queries an adversary may spend; None as adversary is one not ours."""
+        """Return an adversary's number of queries. Pass None for one that is not shipped."""
         if name == IDEAL:
             return 0
         if adversary is None:
@@ -48,12 +49,12 @@ class Table(Strict):
     """One comparison: every adversary on every track under one rule for the budget.
 
     Attributes:
-        name: The table's name on the command line; results carry it as the name of their rule.
-        note: What the table compares, in a sentence.
-        budget_of: Another rule for some applications, by name.
+        name: The table's name on the command line, and the name of the rule in results.
+        note: A sentence that says what the table compares.
+        budget_of: Another budget for some applications, by name.
         samples: M, the number of test samples; None takes each application's own.
-        agents: Whether to attack the default agent alone, all that are shipped, or the others; or
-            the names of those to attack.
+        agents: The agents to attack: `default` (only that one), `all` shipped ones, the `others`
+            (all except the default), or their names.
         adversaries: The labels of the adversaries that take part; None for all of the suite's.
     """
 
@@ -67,13 +68,13 @@ class Table(Strict):
     adversaries: tuple[str, ...] | None = None
 
     def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
-        """Choose the agents to attack from those that an application ships."""
+        """Return which of an application's shipped agents to attack."""
         others = [agent for agent in shipped if agent != default]
         named = {"default": [default], "all": [default, *others], "others": others}
         return list(self.agents) if isinstance(self.agents, tuple) else named[self.agents]
 
     def shows(self, experiment: Experiment) -> bool:
-        """Say whether this table shows the results of an experiment."""
+        """Return whether this table shows the results of an experiment."""
         target = experiment.target
         if experiment.protocol.rule != self.name:
             return False
@@ -83,13 +84,13 @@ class Table(Strict):
         return self.agents == "all" or default == (self.agents == "default")
 
     def includes(self, label: str) -> bool:
-        """Say whether an adversary of the suite takes part."""
+        """Return whether an adversary of the suite takes part, by its label."""
         return self.adversaries is None or label in self.adversaries
 
     def protocol(
         self, target: OpenTarget, adversary: AdversarySpec, solver: Adversary | None
     ) -> Protocol:
-        """Return the rules that an adversary, and its solver if it is ours, plays by."""
+        """Return the rules for an adversary. `solver` is the adversary itself if it is shipped."""
         budget = self.budget_of.get(target.target.application.name, self.budget)
         return Protocol(
             rule=self.name,
@@ -102,10 +103,10 @@ class BenchmarkSuite(Strict):
     """Everything that one benchmark runs.
 
     Attributes:
-        adversaries: The rows of the tables: the adversaries by label. All of ours by default.
+        adversaries: The rows of the tables: the adversaries by label; by default all shipped ones.
         seeds: The number of seeds on each track, unless `seeds_of` has another one.
-        images: The number of samples whose neighbours are compared as images too, on the first
-            seed; 0 for none.
+        images: The number of samples that are also compared as images with the nearest queries, on
+            the first seed; 0 for none.
     """
 
     name: str
@@ -117,7 +118,7 @@ class BenchmarkSuite(Strict):
     images: int = Field(default=4, ge=0)
 
     def seeds_on(self, track: str) -> range:
-        """List the seeds of a track."""
+        """Return the seeds of a track."""
         return range(self.seeds_of.get(track, self.seeds))
 
 
@@ -180,7 +181,7 @@ TABLES = {
 
 
 def default_agent(application: str) -> str:
-    """Return the first agent that is shipped for an application; empty where none is."""
+    """Return the first shipped agent of an application, or an empty text if it has none."""
     return next(iter(agents.names(application)), "")
 
 
@@ -237,13 +238,13 @@ columns that are single tracks, because 20,000 queries on each track of detectio
 
 
 def find_suite(name: str) -> BenchmarkSuite:
-    """Find a suite by its name; an unknown one is a ValueError."""
+    """Return a suite by its name; an unknown name is a ValueError."""
     check_known("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
 
 
 def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
-    """Return the tables of some rules: ours, and a plain one for any other rule."""
+    """Return the tables of some rules for the budget; for an unknown rule, one without a note."""
     ours = [table for name, table in TABLES.items() if name in rules]
     plain = [
         Table(name=rule, title=rule, note="", budget=Budget(queries=1), agents="all")
@@ -253,9 +254,9 @@ def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
 
 
 def find_adversary(text: str) -> tuple[str, AdversarySpec]:
-    """Find an adversary and its label by a label, a name, `name:preset`, or `module:Class`.
+    """Return the label and the adversary for a label, name, `name:preset` or `module:Class`.
 
-    An unknown name is a ValueError. A preset or class is only checked by `make`.
+    An unknown name is a ValueError. Presets and classes are checked only by `AdversarySpec.make`.
     """
     if text in ADVERSARIES:
         return text, ADVERSARIES[text]
@@ -288,11 +289,10 @@ def choose(
     samples: int | None = None,
     images: int | None = None,
 ) -> BenchmarkSuite:
-    """Narrow or change a suite as the command line does; what is not given stays.
+    """Return a suite with some parts chosen or changed; what is not given stays.
 
-    `chosen` are adversaries, each as `find_adversary` takes it. The agents, seeds, budget and
-    samples are those of every table and track; where boosting comes on top of the budget it still
-    does.
+    `chosen` are adversaries, as texts for `find_adversary`. The agents, seeds, budget and samples
+    apply to every table and track. Where boosting may exceed the budget, it still may.
 
     Raises:
         ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of

@@ -56,7 +56,7 @@ _BESIDE_THE_PAPER = (
 def write_tables(
     out: Path, results: Results, notes: Sequence[str] = (), head: str = "# Benchmark results"
 ) -> Path:
-    """Write all tables as Markdown below `head` into a folder; `notes` go to the remarks."""
+    """Write all tables as Markdown, below the heading `head`; `notes` are added to the remarks."""
     path = out / TABLE_FILE
     write_file(path, "\n".join((head, *_lines(results, notes))))
     return path

@@ -396,9 +396,9 @@ class Config(_Named):
     It is set before `reset`.
 
     Attributes:
-        name: The entry: a key, or a path as `Attribute` has it, with dots between the levels of
-            nested dictionaries (`observation.vehicles_count`) and numbers in lists (`speeds[0]`);
-            None takes the parameter's name.
+        name: The entry: a key, or a path with dots between the levels of nested dictionaries
+            (`observation.vehicles_count`) and indices of lists (`speeds[0]`). None takes the
+            parameter's name.
     """
 
     def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
@@ -431,19 +431,18 @@ class Config(_Named):
 
 @dataclass(frozen=True)
 class Attribute(ParameterBinding):
-    """An attribute of `env.unwrapped`, set before `reset`, and after it where it changed.
+    """An attribute of `env.unwrapped`, set before `reset`, and again if `reset` changed it.
 
-    It is set before `reset` for the sake of environments that build their world there, and again
-    after `reset` where that has put another value in its place. What exists only after `reset`,
-    such as the lander of LunarLander, is set then. The first observation of the episode may
-    have been made before.
+    It is set before `reset` for environments that build their world in `reset`. An attribute that
+    exists only after `reset`, such as the lander of LunarLander, is set after it. The episode's
+    first observation may then come from the old value.
 
     Attributes:
         paths: One or several paths, such as `length`, `model.opt.timestep`, `model.body_mass[1]`,
             `model.geom_friction[:,0]` or `params["mass"]`. Each gets the value, and so does each
-            entry of a slice; None takes the parameter's name.
-        factor: Whether the value is a factor of what is there when the environment is made, or put
-            there by its reset: a number, or each one of an array.
+            entry of a slice. None takes the parameter's name.
+        factor: Whether the attribute is multiplied by the value instead: the number, or each number
+            of an array, that the environment or its reset has set.
     """
 
     varies: ClassVar[bool] = True
@@ -538,12 +537,12 @@ class Function(ParameterBinding):
 
     With `knots` it is called after the reset and before each step.
 
-    An evaluation store keeps its scores only with an `agent_id`; change that whenever you change
-    the function.
+    An evaluation store keeps the scores only if you give an `agent_id`; change that whenever you
+    change the function.
 
     Attributes:
-        set: The function. It must be importable where worker processes take part.
-        after_reset: Whether it is called after `reset` or before it.
+        set: The function. With worker processes it must be importable.
+        after_reset: Whether it is called after `reset`, or before.
     """
 
     varies: ClassVar[bool] = True

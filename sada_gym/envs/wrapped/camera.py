@@ -53,15 +53,15 @@ class _FaultyPictures(Passing, ChangedObservations):
 
 @dataclass(frozen=True)
 class CameraFault(Timed, Sensor):
-    """What a lens, a sensor or the weather does to pictures that the agent sees.
+    """Pictures that the agent sees get worse, because of the lens, the sensor or the weather.
 
-    The parameters and ranges are those of the condition of `ImageApplication`; the first one has
-    the fault's name; `low` and `high` may narrow its range, and `knots` make a curve of it. It
+    The parameters and ranges are those of this condition of `ImageApplication`. The first parameter
+    has the fault's name; `low` and `high` may narrow its range, and `knots` make it a curve. It
     needs the extra `images`.
 
     Attributes:
-        condition: "defocus", "motion_blur", "exposure", "dead_rows", "occluder" or another name of
-            `sada_gym.envs.images.conditions.CONDITIONS`.
+        condition: "defocus", "motion_blur", "exposure", "dead_rows", "occluder" or another
+            condition of `ImageApplication`.
     """
 
     varies: ClassVar[bool] = True

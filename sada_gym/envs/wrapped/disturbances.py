@@ -355,7 +355,7 @@ class Sensor(Disturbance):
 class ObservationNoise(Sensor):
     """Gaussian noise on observations; the value is its standard deviation, in their units.
 
-    It is added again at each step. Noise never takes a number out of the bounds of its space; whole
+    New noise is added at each step. Noisy numbers stay within the bounds of their space; whole
     numbers, such as the pixels of an image, are rounded.
     """
 
@@ -364,28 +364,28 @@ class ObservationNoise(Sensor):
 
 @dataclass(frozen=True)
 class ObservationBias(Sensor):
-    """Sensors that are off by the value, in their units, within the bounds of their space."""
+    """A constant error of sensors: the value, in their units, within the space's bounds."""
 
     wrapper, layer, minimum = _BiasedObservations, 2.8, -np.inf
 
 
 @dataclass(frozen=True)
 class ObservationDrift(Sensor):
-    """Sensors that go off by the value in each step of the episode, within their bounds."""
+    """An error of sensors that grows by the value at each step, within the space's bounds."""
 
     wrapper, layer, minimum = _DriftingObservations, 2.9, -np.inf
 
 
 @dataclass(frozen=True)
 class ObservationDelay(Disturbance):
-    """The agent sees what was the case some steps ago; until then, the first observation."""
+    """The agent sees the observation of some steps ago, and at first the first observation."""
 
     wrapper, layer, whole = _LateObservations, 4, True
 
 
 @dataclass(frozen=True)
 class ObservationDropout(Disturbance):
-    """The value is the probability, at each step, that the agent gets the last observation again.
+    """Observations get lost, with the value as probability; the agent gets the last one again.
 
     The first observation of an episode always arrives.
     """
@@ -395,10 +395,10 @@ class ObservationDropout(Disturbance):
 
 @dataclass(frozen=True)
 class ActionDelay(Disturbance):
-    """An action acts some steps after it was chosen.
+    """An action acts some steps after the agent chose it.
 
-    Until the first one arrives, a Box action is zero (or the number in the space nearest to it);
-    another kind of action has no zero, and the first one acts from the beginning.
+    Until the first action arrives, a Box action is zero (or the nearest number in its space). Other
+    kinds of actions have no zero, so the first action acts from the beginning.
     """
 
     wrapper, layer, whole = _LateActions, 2, True
@@ -424,9 +424,9 @@ class ActionGain(Disturbance):
 class ActionNoise(Disturbance):
     """Noise on actions.
 
-    On Box actions it is Gaussian; the value is its standard deviation as a share of half the range
-    of the space. Of Discrete and MultiDiscrete actions, the value is the probability, at each step,
-    that a uniformly drawn action acts instead.
+    For Box actions it is Gaussian; the value is its standard deviation as a share of half the range
+    of the space. For Discrete and MultiDiscrete actions, the value is the probability, at each
+    step, that a random action acts instead.
     """
 
     wrapper, layer = _NoisyActions, 0
@@ -449,6 +449,6 @@ class ActionNoise(Disturbance):
 
 @dataclass(frozen=True)
 class RepeatedActions(Disturbance):
-    """Each action of the agent acts for some steps, at least one, before it is asked again."""
+    """Each action acts for some steps, at least one, before the agent is asked again."""
 
     wrapper, layer, minimum, without, whole = _RepeatedSteps, 6, 1.0, 1.0, True

@@ -101,16 +101,16 @@ class _Switched(Passing):
 
 @dataclass(frozen=True)
 class Event(Timed, Disturbance):
-    """Something that a function of your own does for some steps: `set(env.unwrapped, value)`.
+    """A change for some steps by a function of your own: `set(env.unwrapped, value)`.
 
-    It is called before the first step of the event, with the value, or True where the event has no
-    range of values. What it returns, if anything, is called without arguments before the first step
-    after the event, or after the episode, to undo it. Of events that overlap, those that began
-    later are undone before, and begun again. An evaluation store keeps its scores only with an
-    `agent_id`; change that whenever you change the function.
+    It is called before the first step of the event, with the value, or with True if the event has
+    no range. To undo the change, return a function without arguments: it is called before the first
+    step after the event, or after the episode. If events overlap, those that began later are undone
+    before it, and begun again. An evaluation store keeps the scores only if you give an `agent_id`;
+    change that whenever you change the function.
 
     Attributes:
-        set: The function. It must be importable where worker processes take part.
+        set: The function. With worker processes it must be importable.
     """
 
     passes: ClassVar[bool] = True
@@ -173,8 +173,8 @@ class SensorFailure(Timed, Sensor):
     """Sensors fail for some steps; the agent sees their last values, zeros or noise.
 
     Attributes:
-        mode: "frozen", "zero", or "noise": Gaussian noise in the place of the values, whose
-            standard deviation is the value from `low` to `high`.
+        mode: "frozen", "zero", or "noise": Gaussian noise replaces the values; `low` and `high` are
+            the range of its standard deviation.
     """
 
     passes: ClassVar[bool] = True
@@ -235,14 +235,14 @@ class _FailedActuators(Passing):
 
 @dataclass(frozen=True)
 class ActuatorFailure(Timed, Disturbance):
-    """Actuators fail for some steps; what acts is the last action, zero or noise.
+    """Actuators fail for some steps: the last action acts, or zero, or noise.
 
-    "noise" draws from the action space at each step. Before any action a Box actuator that is
-    frozen stands at zero; another one keeps the first action.
+    Noise is drawn from the action space at each step. If a failure begins before the first action,
+    a frozen Box actuator stays at zero; another kind keeps the first action.
 
     Attributes:
         entries: The entries of the flattened Box that fail; None means all.
-        mode: "frozen"; "zero", of Box actions; or "noise".
+        mode: "frozen", "zero" (only for Box actions), or "noise".
     """
 
     passes: ClassVar[bool] = True
@@ -320,14 +320,14 @@ class _Slow(EpisodeWrapper):
 
 @dataclass(frozen=True)
 class RealTime(Timed, Disturbance):
-    """The environment does not wait for the agent: while it computes, its last action acts on.
+    """The environment does not wait: while the agent computes, its last action goes on acting.
 
-    The agent's time is measured, so that scores differ from run to run and from computer to
-    computer: the application is not `repeatable`, and plays one episode at a time. The value, from
-    `low` to `high`, multiplies the time, as a slower computer does; without a range it is 1.
+    The agent's time is measured, so scores differ from run to run and from computer to computer:
+    the application is not `repeatable`, and plays one episode at a time. The value, from `low` to
+    `high`, multiplies the time, like a slower computer; without a range it is 1.
 
     Attributes:
-        step: The seconds of a step of the environment.
+        step: The duration of a step of the environment, in seconds.
     """
 
     varies: ClassVar[bool] = False

@@ -135,20 +135,20 @@ class _BodyForce(Disturbance):
 
 @dataclass(frozen=True)
 class Wind(_BodyForce):
-    """A constant force on a body, in every step; the value is its strength."""
+    """A constant force on a body, at every step; the value is its strength."""
 
 
 @dataclass(frozen=True)
 class Push(Timed, _BodyForce):
     """A force on a body for some steps; the value is its strength.
 
-    `at=(20, 80)` makes its first step a parameter, in the place of `start`, and `lasts=(1, 20)`
-    the number of its steps, in the place of `steps`.
+    `at=(20, 80)` replaces `start`: the first step is then a parameter. `lasts=(1, 20)` replaces
+    `steps`: the number of steps is then a parameter.
 
     Attributes:
-        start: The environment's step at which it begins, or the first and the last one at which it
-            may, of which each episode draws one.
-        steps: For how many steps it acts.
+        start: The environment's step at which the force begins; or a pair (first, last), from which
+            each episode draws this step.
+        steps: The number of steps for which the force acts.
     """
 
     start: int | tuple[int, int] = 50
@@ -177,15 +177,15 @@ class Push(Timed, _BodyForce):
 class Force(Timed, Disturbance):
     """A force by a function of your own, for any simulator: `apply(env.unwrapped, strength)`.
 
-    It is called before each step at which the force acts. Where the simulator keeps a force after a
-    step, it returns a function without arguments that takes the force away. An evaluation store
-    keeps its scores only with an `agent_id`; change that whenever you change the function.
+    It is called before each step at which the force acts. If the simulator keeps a force after the
+    step, return a function without arguments that removes it. An evaluation store keeps the scores
+    only if you give an `agent_id`; change that whenever you change the function.
 
     Attributes:
-        apply: The function. It must be importable where worker processes take part.
-        start: The environment's step at which the force begins, or the first and the last one at
-            which it may, of which each episode draws one; None lets it act in all steps.
-        steps: For how many steps it acts. `at` and `lasts` take the place of both, see `Push`.
+        apply: The function. With worker processes it must be importable.
+        start: The environment's step at which the force begins; or a pair (first, last), from which
+            each episode draws this step. With None it acts at all steps.
+        steps: The number of steps for which it acts. `at` and `lasts` replace both, see `Push`.
     """
 
     layer: ClassVar[float] = -1
