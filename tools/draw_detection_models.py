@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -39,10 +40,11 @@ def brick(folder: str) -> str:
 
 
 def view(shapes: str, renderer: Renderer) -> Image.Image:
-    """Draw a car of a set of shapes."""
-    application = DetectionApplication("car", shapes=shapes)
+    """Draw a car of a set of shapes in the benchmark's place, whatever the number of its shapes."""
+    usual, application = DetectionApplication("car"), DetectionApplication("car", shapes=shapes)
     mu = application.parameters.normalised(np.array(VIEW))
-    return Image.fromarray(renderer.render(application.scene(mu, SEED), SIDE).image)
+    scene = replace(application.scene(mu, SEED), backdrop=usual.scene(mu, SEED).backdrop)
+    return Image.fromarray(renderer.render(scene, SIDE).image)
 
 
 def main() -> None:
