@@ -49,20 +49,20 @@ def diagnose(
 ) -> Diagnosis:
     """Find one to five weaknesses of the agent that a finished run attacked.
 
-    It looks for rules among the training queries and the test samples, and checks them on fresh
-    uniform worlds inside and outside. It writes diagnosis.json into the run's folder and keeps
-    the fresh scores there, so that a stopped call continues where it was. If the training
-    queries are lost, it returns the diagnosis that knew them, until you remove that file.
+    It looks for rules in the training queries and test samples, and checks them on fresh uniform
+    worlds inside and outside the rules. It writes diagnosis.json into the run's folder and keeps
+    the fresh scores there, so a stopped call continues where it stopped. If the training queries
+    are missing, it returns the stored diagnosis. Delete diagnosis.json to make a new one.
 
     Args:
         run: A run, or its folder.
         fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
-            least 15 for each rule and 15 outside all rules. With 0 nothing is confirmed.
-        confirm: On how many fresh seeds to try each failing sample again, see
-            `sada_gym.measures.failures`.
-        application: What the run attacked, if it did not record it, see `Run.open`.
+            least 15 for each rule and 15 outside all rules. With 0 no rule is checked.
+        confirm: The number of fresh seeds on which each failing sample is tried again; the results
+            are `run.failures`.
+        application: What the run attacked, if the run does not record it, see `Run.open`.
         workers: See `Workers`.
-        on_scores: Gets the number of scores so far, of all, and of those from the store.
+        on_scores: A function of three counts: scores so far, all scores, and scores from the store.
 
     Raises:
         UserError: If an argument is bad, or the run is not finished or cannot be opened as it was.

@@ -34,10 +34,10 @@ higher by so much: the lower end of its interval is, than the upper end of the r
 
 
 class Threshold(Strict):
-    """An end of a condition's range that is not an end of the parameter's, in physical values.
+    """A physical value at which a condition's range ends, inside the parameter's range.
 
-    With a chance of about 95 % the true end lies in the interval. A sum of two parameters has
-    the name `first + 0.5 second`, and the values are those of the sum.
+    The true value lies in the interval with a probability of about 95 %. For a sum of two
+    parameters, the name is `first + 0.5 second`, and values are those of the sum.
     """
 
     parameter: str
@@ -46,9 +46,9 @@ class Threshold(Strict):
 
 
 class Condition(Strict):
-    """One or more ranges of a parameter, (low, high) in physical values; any of them will do.
+    """A condition on one parameter: its physical value lies in any of the `ranges`, (low, high).
 
-    The text is the condition as people say it, such as `camera pitch is above 35°`.
+    The text is the condition in words, such as `camera pitch is above 35°`.
     """
 
     parameter: str
@@ -57,14 +57,14 @@ class Condition(Strict):
 
 
 class SumCondition(Condition):
-    """A condition on two parameters: on `parameter + factor * other`, in physical values."""
+    """A condition on two parameters: a `Condition` on `parameter + factor * other`."""
 
     other: str
     factor: float
 
 
 class Example(Strict):
-    """A failure that stands for others: mu and the seed replay it exactly.
+    """A typical failure of a weakness. With mu and the seed it can be replayed exactly.
 
     Attributes:
         parameters: The physical values by name.
@@ -80,24 +80,24 @@ class Weakness(Strict):
     """A way in which the agent fails: a few conditions on physical parameters.
 
     Attributes:
-        conditions: All of them hold, see `sada_gym.measures.diagnosis.rules.holds`.
-        text: The conditions as people say them, such as `camera pitch is above 35° and the camera
-            is behind`.
+        conditions: The conditions; a world lies in the weakness if all of them hold, see `holds`.
+        text: The conditions in words, such as `camera pitch is above 35° and the camera is
+            behind`.
         volume: The share of uniform worlds for which they hold.
-        share: The share of the failures for which they hold: among uniform worlds, where enough
-            of these failed, else among all that are known.
-        failures: The number of known different failures for which they hold.
-        distinct: The number of groups of these that wide gaps part.
-        inside: The fooling rate of uniform worlds in it, by all worlds whose density is known; None
-            where no fresh world was evaluated. Such worlds weigh, so that the rate need not be the
-            share of those that fooled.
-        outside: The same of worlds that lie in no weakness of the diagnosis.
-        fresh: How many fresh worlds checked it: in it, and outside all rules. None in an older
-            diagnosis, whose rates are those of fresh worlds alone.
-        thresholds: The ends of the ranges, and how sure they are.
-        examples: Some failures in it that lie apart, the most typical first.
-        confirmed: How often failures in it failed again on fresh seeds; None where not tried.
-        behaviour: What the agent does in it; None where not known.
+        share: The share of the failures for which they hold: of the failures in uniform worlds if
+            there are enough, otherwise of all known failures.
+        failures: The number of different known failures for which they hold.
+        distinct: The number of groups into which these failures fall, separated by wide gaps.
+        inside: The fooling rate of uniform worlds in it. It is estimated from all worlds, weighted
+            by their sampling density, so it may differ from the plain share. None if no fresh world
+            was evaluated.
+        outside: The same rate for worlds in no weakness.
+        fresh: How many fresh worlds checked it: inside it, and outside all rules. None in an older
+            diagnosis, whose rates come only from fresh worlds.
+        thresholds: The ends of the ranges, with their intervals.
+        examples: Some failures in it that differ from one another, the most typical first.
+        confirmed: How often failures in it failed again on fresh seeds; None if not tried.
+        behaviour: What the agent does in it; None if not known.
     """
 
     conditions: tuple[SumCondition | Condition, ...] = Field(min_length=1)
@@ -116,7 +116,7 @@ class Weakness(Strict):
 
     @property
     def is_checked(self) -> bool:
-        """Whether enough fresh worlds confirmed it, see `LEAST_FRESH`."""
+        """Whether fresh worlds confirmed it: 15 or more on each side, and a clearly higher rate."""
         if self.inside is None or self.outside is None:
             return False
         lead = self.inside.interval_95[0] - self.outside.interval_95[1]
@@ -128,12 +128,12 @@ class Diagnosis(Strict):
     """How an agent fails: the weaknesses that a run found, the largest share of failures first.
 
     Attributes:
-        sentence: The diagnosis in one sentence; it says so where failures are too few, or where
-            the agent fails nowhere in particular.
-        weaknesses: At most five; none where no rule stands out.
-        worlds: The number of valid worlds that were known: training queries and test samples.
+        sentence: The diagnosis in one sentence. If there are too few failures, or no rule describes
+            them, it says so.
+        weaknesses: At most five; empty if no rule describes the failures.
+        worlds: The number of valid worlds that it used: training queries and test samples.
         failures: The number of different failures among them.
-        explained: The share of the failures that lie in any weakness, as `Weakness.share`.
+        explained: The share of failures that lie in any weakness, counted as in `Weakness.share`.
         fresh: The number of evaluations that the diagnosis spent.
     """
 

@@ -17,10 +17,10 @@ _LEAST_DRAWS, _MOST_ROUNDS = 1_000, 1_000
 
 
 def holds(conditions: Sequence[Condition], space: ParameterSpace, mu: npt.ArrayLike) -> Bools:
-    """Return for which mu, (n, d), all conditions hold, (n,).
+    """Return whether all conditions hold for each mu, (n, d): (n,) bool.
 
     Raises:
-        ValueError: If mu is not as `ParameterSpace.validate` takes it.
+        ValueError: If mu is not an (n, d) batch in [-1, 1].
     """
     values = space.physical(space.validate(mu))
     inside = np.ones(len(values), np.bool_)
@@ -60,7 +60,7 @@ def in_ranges(parameter: Parameter, ranges: Sequence[tuple[float, float]], value
 def volume(conditions: Sequence[Condition], space: ParameterSpace) -> float:
     """Return the share of uniform worlds for which all conditions hold.
 
-    With a sum of two parameters it is estimated, by the same worlds each time.
+    For a sum of two parameters it is an estimate, from the same random worlds each time.
     """
     product = 1.0
     for condition in _single(conditions):
@@ -75,10 +75,10 @@ def volume(conditions: Sequence[Condition], space: ParameterSpace) -> float:
 def draw(
     conditions: Sequence[Condition], space: ParameterSpace, n: int, rng: np.random.Generator
 ) -> Mu:
-    """Draw n worlds for which all conditions hold, uniform among these: (n, d).
+    """Draw n worlds uniformly from those for which all conditions hold: (n, d).
 
     Raises:
-        UserError: If hardly any world holds them, which a sum of two parameters may do.
+        UserError: If they hold for hardly any world. This can happen with sums of two parameters.
     """
     drawn = _draw_single(conditions, space, n, rng)
     if len(_single(conditions)) == len(conditions):
