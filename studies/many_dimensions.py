@@ -219,8 +219,9 @@ def _cell(rows: list[dict[str, Any]]) -> str:
 
 
 def tables() -> str:
-    """Write a table for each number of dimensions, and one of the agents; seed 0."""
-    lines = ["| adversary | spread on gust-20, by queries |", "| --- | --- |"]
+    """Write the spread on gust-20, a table for each dimension, and one of the agents; seed 0."""
+    lines = ["| adversary | " + " | ".join(f"{budget:,} queries" for budget in BUDGETS) + " |"]
+    lines.append("| --- " * (len(BUDGETS) + 1) + "|")
     for adversary in ADVERSARIES:
         spreads = {
             row["budget"]: row["spread"]
@@ -228,7 +229,7 @@ def tables() -> str:
             if row["adversary"] == adversary and "spread" in row
         }
         if spreads:
-            shown = ", ".join(f"{budget:,}: {spread:.2f}" for budget, spread in spreads.items())
+            shown = " | ".join(f"{spreads[budget]:.2f}" for budget in BUDGETS)
             lines.append(f"| `{adversary}` | {shown} |")
     lines.append("")
     for problems in (*BY_DIMENSION.values(), AGENTS):

@@ -29,12 +29,11 @@ LINES = {
 
 
 @own_style()
-def draw(
-    name: str, means: dict[str, dict[str, dict[int, float]]], budgets: Sequence[int], columns: int
-) -> None:
+def draw(name: str, means: dict[str, dict[str, dict[int, float]]], budgets: Sequence[int]) -> None:
     """Draw a panel for each title of `means`, which has F1 by adversary and budget."""
+    columns = 4
     rows = -(-len(means) // columns)
-    figure = new_figure(2.4 * columns, 2.9 * rows + 0.5)
+    figure = new_figure(2.1 * columns, 2.3 * rows + 0.5)
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for axes, (title, mean) in zip(panels, means.items(), strict=False):
         for adversary, (colour, marker) in LINES.items():
@@ -51,7 +50,7 @@ def draw(
         axes.set_title(title, fontsize=11)
         axes.set_xscale("log", base=2)
         axes.set_xticks(budgets, labels=[f"{budget:,}" for budget in budgets])
-        axes.set(ylim=(0.0, 1.03), xlabel="queries")
+        axes.set(ylim=(0.1, 1.03), xlabel="queries")
         tidy(axes)
     for axes in panels[len(means) :]:
         axes.remove()
@@ -68,10 +67,10 @@ def main() -> None:
     of_track = {track[5:-3]: found for track in tracks if (found := few_queries.means(track))}
     for mean in of_track.values():
         mean.pop("smc", None)  # on digits alone
-    draw("few-queries", of_track, few_queries.BUDGETS, 5)
-    problems = [*many_dimensions.BY_DIMENSION[20], *many_dimensions.BY_DIMENSION[40]]
+    draw("few-queries", of_track, few_queries.BUDGETS)
+    problems = [name for names in many_dimensions.BY_DIMENSION.values() for name in names]
     of_problem = {one: found for one in problems if (found := many_dimensions.means(one))}
-    draw("many-dimensions", of_problem, many_dimensions.BUDGETS, 4)
+    draw("many-dimensions", of_problem, many_dimensions.BUDGETS)
 
 
 if __name__ == "__main__":
