@@ -83,7 +83,7 @@ class Notice(UserWarning):
 
 
 class SlowWorlds(Notice):
-    """Worlds that take so long that a run should not begin without a word about it."""
+    """Evaluations will take long: the warning says about how long."""
 
 
 class WorkerError(RuntimeError):

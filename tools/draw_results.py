@@ -203,7 +203,7 @@ def of_paper() -> Figure:
 def of_parameters() -> Figure:
     """Draw the total Sobol indices of the detector's parameters and of the driver's."""
     page = DOCS / "results" / "parameters.md"
-    detector = [row for row in named(page, "lowest of a class")[1:] if "planted" not in row[0]]
+    detector = [row for row in named(page, "total, lowest class")[1:] if "planted" not in row[0]]
     driver = [row for row in named(page, "task")[1:] if "planted" not in row[0]]
     figure = new_figure(6.2, 5.2)
     left, right = figure.subplots(2, 1, height_ratios=(len(detector), len(driver)))

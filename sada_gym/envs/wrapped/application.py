@@ -99,8 +99,8 @@ class GymnasiumApplication(EpisodePictures):
             `sada_gym.envs.wrapped`. (low, high) sets the keyword of that name of the environment's
             constructor, if there is one, otherwise the attribute of `env.unwrapped`.
         score: `("return", low, high)`, scaled from low = 0 to high = 1 and clipped; `"success"`,
-            for `info["is_success"]` or `info["success"]`; `("success", key)`; `("length",
-            maximum)`; or a function of an `Episode` that returns a number in [0, 1], 1 being best.
+            for `info["is_success"]` or `info["success"]`; `("success", key)`;
+            `("length", maximum)`; or a function of an `Episode` that returns 0 to 1, the best.
             For several requirements, a dictionary of such scores by name. An episode fails if it
             fails at least one of them: the score is then the smallest margin.
         fooling_threshold: The agent is fooled if the score is at most this. For several
