@@ -349,7 +349,7 @@ class Algorithm1:
 
     @cached_property
     def images(self) -> tuple[Sequence[Neighbours], Sequence[Neighbours]] | None:
-        """Find the queries nearest to the first samples that fool, of ours and of ideal ones."""
+        """The queries nearest to the first samples that fool: the adversary's, and ideal ones."""
         ideal, settings = self.ideal_samples, self.settings
         pools = [self.samples] if ideal is None else [self.samples, ideal]
         rows = [np.flatnonzero(pool.fooled(self._threshold)) for pool in pools]
@@ -370,7 +370,7 @@ class Algorithm1:
 
     @property
     def evaluations(self) -> tuple[Evaluations, ...]:
-        """All evaluations so far, those from the store included."""
+        """All evaluations so far, including those from the store."""
         ideal = self.__dict__.get("ideal_samples")  # nothing is evaluated for this
         parts = (self.queries, self.samples, *(() if ideal is None else (ideal,)))
         return tuple(part for part in parts if len(part))

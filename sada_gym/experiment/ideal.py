@@ -22,7 +22,7 @@ _FILE = "fooling-set.safetensors"
 
 
 class Ideal(Adversary):
-    """Draws uniformly from a fooling set, (m, d) points: what a perfect adversary would do.
+    """Draws uniformly from a fooling set, (m, d) points, as a perfect adversary would.
 
     At a point of the fooling set the agent is fooled on at least half of the seeds, not on all, so
     the ideal AFR can be below 1. Coverage is measured with other points.

@@ -91,7 +91,7 @@ def estimate(
         env_kwargs: Keywords of the environment, if an id is given.
         application: What the run attacked, if the run does not record it, see `Run.open`.
         workers: See `Workers`.
-        store: A file that keeps the scores. By default those of a run are kept in its folder.
+        store: A file that keeps the scores. By default a run's folder keeps its scores.
         beside: Another agent. It is evaluated in the same worlds with the same seeds, which doubles
             the evaluations. Give its name or file (only if the first argument is an id or a run of
             an id), or a run, a run's folder, an application or a TOML file.

@@ -44,7 +44,7 @@ class StressEnv(gym.Env[Any, Floats32]):
     draws from the parameters' density.
 
     ## Observation Space
-    The agent's own, or what `state` returns.
+    The agent's observation space, or the numbers that `state` returns.
 
     ## Rewards
     In each step: the logarithm of the disturbances' density minus its greatest value, so at most 0,
