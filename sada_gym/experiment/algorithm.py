@@ -66,12 +66,10 @@ class RunProgress:
 
     Attributes:
         stage: `train`, `learn`, `sample`, `test`, `measure`, `diagnose`, `confirm` or `pictures`.
-        done: How many evaluations of this stage are done (steps while learning, frames while
-            drawing).
+        done: How many evaluations of this stage are done (or steps of learning, or frames drawn).
         total: The largest value that `done` can reach in this stage; 0 if it is not known.
         cached: How many evaluations of `done` came from the store.
-        evaluated: The evaluations made for training and testing since the run began, without those
-            from the store.
+        evaluated: How many evaluations were made for training and testing, not from the store.
     """
 
     stage: Stage
