@@ -89,12 +89,12 @@ def snapshot(rollout: Rollout[QuadrotorStart], step: int) -> Image.Image:
 
 def _chart(away_m: Floats, step: int) -> Image.Image:
     chart = Image.new("RGB", (WIDTH * _FINE, CHART * _FINE), "white")
-    draw, face = ImageDraw.Draw(chart), font(20 * _FINE)
+    draw, face = ImageDraw.Draw(chart), font(18 * _FINE)
     most = float(np.clip(away_m.max(), 2 * BOUND_M, LOST_M))
 
     def at(place: float, metres: float) -> tuple[float, float]:
         share = min(metres / most, 1.0)
-        return _FINE * (90 + 580 * place / STEPS), _FINE * (CHART - 30 - (CHART - 42) * share)
+        return _FINE * (90 + 580 * place / STEPS), _FINE * (CHART - 32 - (CHART - 43) * share)
 
     draw.rectangle((*at(SETTLED, BOUND_M), *at(STEPS, 0.0)), _COURSE)
     draw.line([at(0, most), at(0, 0.0), at(STEPS, 0.0)], INK_RGB, _FINE)
@@ -104,7 +104,7 @@ def _chart(away_m: Floats, step: int) -> Image.Image:
         draw.text((across - 12, down), f"{metres:.1f} m", INK_RGB, face, "rm")
     for place in range(0, STEPS + 1, 2 * POLICY_HZ):
         across, down = at(place, 0.0)
-        draw.text((across, down + 8), f"{place // POLICY_HZ} s", INK_RGB, face, "mt")
+        draw.text((across, down + 18), f"{place // POLICY_HZ} s", INK_RGB, face, "mt")
     return chart.resize((WIDTH, CHART), Image.Resampling.BOX)
 
 
