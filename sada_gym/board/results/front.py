@@ -115,7 +115,7 @@ class FrontChart:
     Attributes:
         front: The points on the front, from the highest AFR to the highest coverage.
         end: The highest coverage in the chart, from 0 to 1.
-        floor: The lowest AFR in the chart, from 0 to 1.
+        floor: The lowest AFR in the chart, from 0 to 1; `start` is the lowest coverage.
     """
 
     title: str
@@ -123,6 +123,7 @@ class FrontChart:
     front: tuple[Point, ...]
     end: float
     floor: float
+    start: float = 0.0
 
     @property
     def summary(self) -> str:
@@ -153,8 +154,8 @@ class FrontChart:
 
     def _grid(self) -> Iterator[str]:
         step = 0.2 if self.end <= 1.4 else 0.5
-        for share in np.arange(0.0, self.end + 1e-9, step):
-            x = _across(share, self.end)
+        for share in np.arange(self.start, self.end + 1e-9, step / (2 if self.start else 1)):
+            x = _across(share, self.end, self.start)
             yield f'<line class="grid" x1="{x}" x2="{x}" y1="{_TOP}" y2="{_BOTTOM}"/>'
             yield _text(x, _BOTTOM + 18, "tick", f"{100 * share:.0f}", "middle")
         for share in np.arange(self.floor, 1.0 + 1e-9, 0.2 if self.floor < 0.4 else 0.1):
@@ -183,11 +184,15 @@ class FrontChart:
                 x += 36 + _LETTER * len(family.name)
 
 
-def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
-    """Make the chart of the adversaries that have both figures; None for fewer than two."""
-    shown = [
+def make_chart(rows: Sequence[Row], title: str, start: float = 0.0) -> FrontChart | None:
+    """Make the chart of the adversaries that have both figures; None for fewer than two.
+
+    Those with a coverage below `start` are left out.
+    """
+    known = [
         (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage
     ]
+    shown = [one for one in known if one[1].value >= start]
     if len(shown) < 2:
         return None
     front = front_of(rows)
@@ -195,7 +200,9 @@ def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
     end = max(1.0, *(_ends(coverage)[1] for _, coverage, _ in shown))
     lowest = min(_ends(afr)[0] for _, _, afr in shown)
     floor = max(0.0, math.floor(10 * lowest - 0.5) / 10)
-    places = [(_across(coverage.value, end), _up(afr.value, floor)) for _, coverage, afr in shown]
+    places = [
+        (_across(coverage.value, end, start), _up(afr.value, floor)) for _, coverage, afr in shown
+    ]
     sizes = np.array([(_LETTER * len(row.label), _LINE) for row, _, _ in shown])
     labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
     points = []
@@ -203,7 +210,8 @@ def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
         bars = []
         if coverage.interval_95:
             low, high = coverage.interval_95
-            bars.append((_across(max(low, 0.0), end), y, _across(high, end), y))
+            left = _across(max(low, start), end, start)
+            bars.append((left, y, _across(high, end, start), y))
         if afr.interval_95:
             low, high = afr.interval_95
             bars.append((x, _up(max(low, 0.0), floor), x, _up(min(high, 1.0), floor)))
@@ -211,15 +219,16 @@ def make_chart(rows: Sequence[Row], title: str) -> FrontChart | None:
         is_on_front = front.get(row.entry, False)
         points.append(Point(row, coverage, afr, is_on_front, x, y, tuple(bars), label_x, label_y))
     on_front = sorted((point for point in points if point.front), key=lambda point: point.x)
-    return FrontChart(title, tuple(points), tuple(on_front), end, floor)
+    return FrontChart(title, tuple(points), tuple(on_front), end, floor, start)
 
 
 def _ends(figure: Figure) -> tuple[float, float]:
     return figure.interval_95 or (figure.value, figure.value)
 
 
-def _across(coverage: float, end: float) -> float:
-    return round(_LEFT + (_RIGHT - _LEFT) * float(coverage) / (end * 1.12), 1)
+def _across(coverage: float, end: float, start: float) -> float:
+    share = (float(coverage) - start) / (end * 1.12 - start)
+    return round(_LEFT + (_RIGHT - _LEFT) * share, 1)
 
 
 def _up(rate: float, floor: float) -> float:
