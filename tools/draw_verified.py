@@ -42,7 +42,9 @@ def main() -> None:
     above = "a claim that is\ntoo high would\nlie up here"
     axes.text(8, 88, above, color=MUTED, fontsize=10, va="top")
     axes.set(xlabel="verified AFR, %", ylabel="claimed AFR, %", xlim=(0, 101), ylim=(0, 101))
-    axes.set_title(f"{len(points)} results of our own entries", fontsize=11, color=INK, loc="left")
+    axes.set_title(
+        f"{len(points):,} results of our own entries", fontsize=11, color=INK, loc="left"
+    )
     tidy(axes, grid="both")
     apart = np.abs(np.subtract(*points.T))
     most = f"95 % of them at most {np.percentile(apart, 95):.1f} points apart"

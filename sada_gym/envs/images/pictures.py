@@ -8,13 +8,13 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.foundations.arrays import Bools, Bytes, Floats
-from sada_gym.foundations.drawing import dashed_box, font
+from sada_gym.foundations.drawing import dashed_box, font, wrapped
 from sada_gym.foundations.frames import INK, ORANGE, SKY, VERMILLION, Frame, LegendEntry, rgb
 
 SIZE = 480, 360
 """Width and height in px of a panel, which an image fills in one direction."""
 
-_LINE = 26
+_BELOW, _LETTERS = 90, (36, 26, 18)
 _FOUND, _MISSED, _TOLD = SKY, VERMILLION, ORANGE
 
 LEGENDS = {
@@ -50,7 +50,7 @@ def drawn(
         seen: Which of them were found, (n,), or whether the image was taken for what it is, (1,).
         told: (m, 4) boxes of what the model told.
         texts: What stands beside each of these.
-        line: What is written below.
+        line: What is written below: in letters that a sheet of failures still shows.
     """
     canvas, scale, corner = _canvas(image)
     draw, face = ImageDraw.Draw(canvas), font(13)
@@ -66,10 +66,12 @@ def drawn(
     for box, was_found in zip(truth * scale + shift, seen[: len(truth)], strict=True):
         colour, dash = (_FOUND, (1.0, 0.0)) if was_found else (_MISSED, (8.0, 6.0))
         dashed_box(draw, box.tolist(), rgb(colour), 3, *dash, casing=(0, 0, 0))
-    whole = Image.new("RGB", (SIZE[0], SIZE[1] + _LINE), "white")
+    whole = Image.new("RGB", (SIZE[0], SIZE[1] + _BELOW), "white")
     whole.paste(canvas, (0, 0))
     ink = rgb(INK if seen.all() else _MISSED)
-    ImageDraw.Draw(whole).text((6, SIZE[1] + 4), line, fill=ink, font=font(15))
+    fits = [(size, wrapped(line, font(size), SIZE[0] - 12)) for size in _LETTERS]
+    size, lines = next((one for one in fits if len(one[1]) <= 2), fits[-1])
+    ImageDraw.Draw(whole).text((6, SIZE[1]), "\n".join(lines), fill=ink, font=font(size))
     return whole
 
 

@@ -157,9 +157,9 @@ def test_labels_of_other_classes_than_the_models_get_a_sentence():
 def test_pictures_have_one_size_and_slide_to_the_world():
     for application in (detect(), classify()):
         mu = world(application, exposure_ev=-3.0)[0]
-        assert application.render(mu, 0).shape == (386, 960, 3)
+        assert application.render(mu, 0).shape == (450, 960, 3)
         frames, score = application.replay(mu, 0)
-        assert {frame.shape for frame in frames} == {(386, 960, 3)}
+        assert {frame.shape for frame in frames} == {(450, 960, 3)}
         assert score == application.evaluate(mu[None], [0]).score[0]
         assert_array_equal(frames[-1], application.render(mu, 0))
         assert application.observation(mu, 0).shape == (360, 480, 3)
