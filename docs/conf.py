@@ -208,7 +208,7 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
         below = documented.startswith(("sada_gym.evaluation", "sada_gym.StressEnv"))
         page = next((part for part in documented.split(".") if _has_page(part)), "interface")
         described = f"See :doc:`/environments/{page}` for its parameters, score and worlds."
-        lines += ["See below." if below else described, ""]
+        lines += ["Its spaces, rewards and arguments follow." if below else described, ""]
 
 
 def _has_page(name: str) -> bool:
@@ -238,7 +238,8 @@ def shorten_signature(*arguments: Any) -> tuple[str, str | None] | None:
     signature, returned = arguments[-2:]
     if not signature:
         return None
-    if what == "class" and name.startswith(_RECORDS) and len(signature) > _VALUE:
+    record = name.startswith(_RECORDS) and len(signature) > _VALUE
+    if what == "class" and (record or signature == "(*args, **kwargs)"):  # of a protocol
         return "", returned
     shared = r"\*, unit=.*?, over=None(?:, (.*))?\)$"
     signature = re.sub(shared, lambda m: (f"*, {m[1]}, " if m[1] else "") + "**shared)", signature)

@@ -94,7 +94,7 @@ def attack(
         preset: A named set of the adversary's options, such as `paper`.
         options: The adversary's options; they replace the preset's.
         workers: 1 evaluates in this process, more evaluate in as many others. The result does not
-            depend on it. See `Workers`.
+            depend on it. See :class:`~sada_gym.Workers`.
         resume: Whether to continue the run that `out` holds, if it holds one.
         diagnose: Whether to find the agent's weaknesses, see `sada_gym.diagnose`. Fresh worlds
             check them, which costs 5 % more evaluations: at most 200, at least 15 for each rule

@@ -1,8 +1,4 @@
-"""This package raises these errors on purpose. Any other exception is a bug.
-
-The command line shows a `UserError` as one sentence and exits with code 2, a `WorkerError` with
-code 1. The benchmark records an `AdversaryError` as the result of the run that raised it.
-"""
+"""The errors that this package raises on purpose."""
 
 from __future__ import annotations
 

@@ -211,7 +211,7 @@ class ParameterSpace:
         return tuple(parameter.name for parameter in self.parameters)
 
     def lines(self, values: Iterable[float], count: int) -> list[str]:
-        """Write physical values, one for each parameter, as texts with `count` values each."""
+        """Format physical values, one for each parameter, as lines of `count` values each."""
         written = [one.text(value) for one, value in zip(self.parameters, values, strict=True)]
         return [", ".join(written[k : k + count]) for k in range(0, len(written), count)]
 

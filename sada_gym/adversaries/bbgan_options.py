@@ -38,8 +38,8 @@ class BBGANOptions(Options):
         tether: The cost of moving a uniform point, per squared distance. It keeps points in the
             fooling region where they start, so that no region is lost. It needs `transport`.
         average: The decay of the running average of both networks' weights; 0 for no average.
-        acceptance: The share of samples that the discriminator may refuse: a sample with the odds
-            r of being real is kept with probability min(1, r / their quantile at this share).
+        acceptance: A sample is kept with probability min(1, r / q). r are the odds, by the
+            discriminator, that it is real; q is the quantile of r at this share. 0 keeps all.
     """
 
     latent: int = option(8, 1, 1_024)

@@ -27,8 +27,8 @@ class TreesOptions(Options):
 class Trees(FittedAdversary):
     """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
 
-    A simple baseline for adversaries that learn a surrogate: thirty lines around scikit-learn. If
-    none of 200,000 candidates reaches the level, the likeliest are taken. See `TreesOptions`.
+    A simple baseline: about thirty lines of code that call scikit-learn. If none of 200,000
+    candidates reaches the level, the likeliest are taken. See `TreesOptions`.
     """
 
     name: ClassVar[str] = "trees"

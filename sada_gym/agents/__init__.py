@@ -32,7 +32,10 @@ __all__ = [
 
 
 def names(application: str | None = None) -> tuple[str, ...]:
-    """List the names of the agents that the tables compare, for one application or for all."""
+    """List the names of the shipped agents, the default first, for one application or for all.
+
+    For an application that ships none, these are the agents that `fetch` can get.
+    """
     chosen = [card for card in cards() if application in (None, card.name)]
     return tuple(agent.name for card in chosen for agent in card.offered)
 
@@ -125,7 +128,7 @@ def _unknown(name: str, known: Sequence[str], otherwise: str = "") -> UserError:
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:
-    """Return the name in reports, and the agent, that an application's `agent=` stands for.
+    """Turn an application's `agent=` into the agent's name in reports, and the agent itself.
 
     Args:
         agent: A shipped agent's name, a file, or the agent itself.

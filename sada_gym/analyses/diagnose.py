@@ -50,9 +50,9 @@ def diagnose(
     """Find one to five weaknesses of the agent that a finished run attacked.
 
     It looks for rules in the training queries and test samples, and checks them on fresh uniform
-    worlds inside and outside the rules. It writes diagnosis.json into the run's folder and keeps
-    the fresh scores there, so a stopped call continues where it stopped. If the training queries
-    are missing, it returns the stored diagnosis. Delete diagnosis.json to make a new one.
+    worlds inside and outside the rules. It returns a :class:`.Diagnosis`. The run's folder keeps it
+    (diagnosis.json) and the fresh scores, so a stopped call continues where it stopped. If the
+    training queries are missing, it returns the stored diagnosis; delete that to make a new one.
 
     Args:
         run: A run, or its folder.
@@ -60,8 +60,8 @@ def diagnose(
             least 15 for each rule and 15 outside all rules. With 0 no rule is checked.
         confirm: The number of fresh seeds on which each failing sample is tried again; the results
             are `run.failures`.
-        application: What the run attacked, if the run does not record it, see `Run.open`.
-        workers: See `Workers`.
+        application: What the run attacked, if the run does not record it, see :meth:`.Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
         on_scores: A function of three counts: scores so far, all scores, and scores from the store.
 
     Raises:

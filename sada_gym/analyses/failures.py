@@ -51,8 +51,8 @@ def confirm_failures(
     Args:
         run: A run, or its folder.
         seeds: The number of fresh seeds for each failure, from 0.
-        application: What the run attacked, if the run does not record it, see `Run.open`.
-        workers: See `Workers`.
+        application: What the run attacked, if the run does not record it, see :meth:`.Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Returns:

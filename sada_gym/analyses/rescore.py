@@ -114,8 +114,8 @@ def rescore(
         env_kwargs: Keywords for the id.
         samples: The number of samples to score, the first ones; None takes all.
         seed: The seed of new evaluation seeds; None takes those of the samples.
-        workers: See `Workers`.
-        application: What the run attacked, if the run does not record it, see `Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
+        application: What the run attacked, if the run does not record it, see :meth:`.Run.open`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
@@ -164,8 +164,8 @@ def transfer(
         samples: The number of samples of each run to score, the first ones; None takes all.
         seed: The seed of new evaluation seeds; None takes those of the samples, so that nothing
             else differs in worlds of the same application.
-        workers: See `Workers`.
-        application: What the runs attacked, if the runs do not record it, see `Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
+        application: What the runs attacked, if they do not record it, see :meth:`.Run.open`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:
@@ -206,7 +206,7 @@ def confirm(
         env_kwargs: The keywords to change, such as `{"renderer": "blender"}`; others stay the same.
         samples: The number of samples to score, the first ones; None takes all.
         out: Another path for confirmed.json; the arrays are written beside it.
-        workers: See `Workers`.
+        workers: See :class:`~sada_gym.Workers`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:

@@ -106,7 +106,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
 
     Example:
         >>> with open_executor("dask", workers=2) as cluster:
-        ...     oracle = Oracle(env_id, budget=100, workers=cluster.workers)
+        ...     oracle = Oracle("SADA-Analytic-v0", budget=100, workers=cluster.workers)
     """
     check_integer("workers", workers, 1)
     kind, _, address = spec.partition(":")

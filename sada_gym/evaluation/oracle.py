@@ -43,7 +43,7 @@ class Oracle:
         env_kwargs: Keywords of the environment, if an id is given.
         dimension: The number of parameters, d, if a function is given.
         threshold: The fooling threshold, if a function is given.
-        workers: 1 evaluates in this process, more start that many processes. See `Workers`.
+        workers: 1 evaluates in this process, more start so many. See :class:`~sada_gym.Workers`.
         store: The file that keeps the scores; None keeps none.
         progress: Called as progress(done, total, cached) after each chunk.
 

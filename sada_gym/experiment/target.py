@@ -96,7 +96,7 @@ class Target(Strict):
 
         Args:
             environment: The id, the TOML file or the application; None takes the track's id.
-            workers: See `Workers`.
+            workers: See :class:`~sada_gym.Workers`.
 
         Raises:
             UserError: If it cannot be opened, or is not the same.

@@ -28,6 +28,7 @@ class AgentCard:
         name: The name for `agent=`.
         file: The file of its weights, relative to `sada_gym/envs`.
         sha256: The SHA-256 of that file; a file that differs is refused.
+        summary: What it is, in a few words.
         nominal: How well it does in nominal worlds, as its model card says.
         loader: The `module:function` that turns the file into the agent. If empty, the
             application's `agent_loader` does it.

@@ -27,9 +27,9 @@ class Given(Strict):
         by: `id` (by the environment's id), `toml` (by the text of the TOML file), or `python` (only
             the program that made the application, or a keyword of the id, can make it again).
         id: The environment's id; empty without one.
-        keywords: The keywords of the id; None without an id, and in runs of format 1, where they
-            follow from the application's settings.
-        toml: The text of the TOML file; empty in runs of format 1, which have only its path.
+        keywords: The keywords of the id; None without an id, and in runs made before 0.1.0, where
+            they follow from the application's settings.
+        toml: The text of the TOML file; empty in runs made before 0.1.0: they have only its path.
         file: The path of the TOML file, as a `file:` URI; paths in it start there.
     """
 

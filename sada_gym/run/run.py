@@ -170,7 +170,7 @@ class Run:
         Args:
             application: The application, an environment's id or a TOML file. It is only needed for
                 an application that was made in Python, which the run cannot record.
-            workers: See `Workers`.
+            workers: See :class:`~sada_gym.Workers`.
 
         Raises:
             UserError: If it cannot be opened, or differs from what the run attacked.

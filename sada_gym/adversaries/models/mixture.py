@@ -159,8 +159,8 @@ def fit_best_mixture(
 ) -> Mixture:
     """Fit mixtures of several sizes; return the one of the best cross-validated log likelihood.
 
-    Of equally good sizes it takes the first; also if there are fewer than two points for each fold.
-    Points and weights are those of `fit_mixture`.
+    If several sizes are equally good, it takes the first. It also takes the first if there are
+    fewer than two points for each fold. Points and weights are those of `fit_mixture`.
 
     Raises:
         ValueError: If there are no points or sizes, or shapes or values are bad.

@@ -141,8 +141,8 @@ class Surrogate:
     (stacking, Wolpert 1992) and calibrates them (Platt 1999); it learns from predictions that were
     made without the point itself. If fewer than 20 queries fool, the threshold is raised to the
     20th lowest score, as in the cross-entropy method, and `raised` is true. With at most 100
-    queries, a tenth of them, but at least 5, takes the place of 20. `held_out`, (n,), is the
-    probability of each mu that it learnt from, predicted without that mu.
+    queries, the number is not 20 but a tenth of the queries, at least 5. `held_out`, (n,), is the
+    probability that each training mu fools, predicted without that mu.
     """
 
     def __init__(

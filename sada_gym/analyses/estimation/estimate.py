@@ -71,8 +71,8 @@ def estimate(
 
     Nearly half of the budget is spent to learn where the agent fails; the queries of a run help.
     The rest is spent on fresh worlds: half are drawn from ordinary use (plain draws), half where
-    failures are expected. The estimate is unbiased wherever the agent fails. Its interval assumes
-    that no region of failures escaped all queries, see `FailureEstimate.unseen`.
+    failures are expected. It returns a :class:`.FailureEstimate`, unbiased wherever the agent
+    fails. The interval assumes that no region of failures escaped all queries, see its `unseen`.
 
     For a run, its folder gets `estimate.json`, and `result.json` the probability as `in_use`. The
     folder also keeps the scores, so that a stopped call continues where it was. For an application
@@ -89,8 +89,8 @@ def estimate(
             physical values or the path of a CSV file (a run's folder then gets `density.png`).
             By default it is the application's own.
         env_kwargs: Keywords of the environment, if an id is given.
-        application: What the run attacked, if the run does not record it, see `Run.open`.
-        workers: See `Workers`.
+        application: What the run attacked, if the run does not record it, see :meth:`.Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
         store: A file that keeps the scores. By default a run's folder keeps its scores.
         beside: Another agent. It is evaluated in the same worlds with the same seeds, which doubles
             the evaluations. Give its name or file (only if the first argument is an id or a run of

@@ -92,7 +92,7 @@ def export(
     that lie far apart on `confirm` fresh seeds, and keeps those that fail on most of them. Each
     gets a control: the nearest world that passes on most of its fresh seeds. 100 worlds of ordinary
     use are added, whatever the agent does there. The fresh scores are kept in the first run's
-    folder, so that a stopped call continues where it was.
+    folder, so that a stopped call continues where it was. It returns an :class:`.Exported`.
 
     Args:
         runs: Runs of one track and agent, or their folders.
@@ -100,8 +100,8 @@ def export(
         confirm: The number of fresh seeds; with 0 the failures are not tried again.
         form: `suite`; `cases`, one record for each test case, as JSON or (if `out` ends in .csv)
             as CSV; `sarif`, the failures in the format that code hosts show.
-        application: What the runs attacked, if the runs do not record it, see `Run.open`.
-        workers: See `Workers`.
+        application: What the runs attacked, if they do not record it, see :meth:`.Run.open`.
+        workers: See :class:`~sada_gym.Workers`.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 
     Raises:

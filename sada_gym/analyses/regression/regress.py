@@ -146,7 +146,7 @@ def regress(
         max_probability: The largest tolerated probability of a failure in ordinary use: the 95 %
             interval must lie below it. The application must know its density.
         budget: The number of evaluations for that probability, see `estimate`.
-        workers: See `Workers`.
+        workers: See :class:`~sada_gym.Workers`.
         store: A file that keeps the scores, so that a stopped call continues where it was.
         on_scores: Called with the numbers of scores so far, in all, and from the store.
 

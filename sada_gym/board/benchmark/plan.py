@@ -65,7 +65,7 @@ class BenchmarkPlan:
 def make_plan(suite: BenchmarkSuite, references: Path = FOLDER) -> BenchmarkPlan:
     """Plan all runs of a suite, and check everything that can be checked before a run.
 
-    A part of the suite that is not valid is a TypeError or ValueError.
+    Raises a TypeError or ValueError if a part of the suite is not valid.
     """
     notes, rows = list[str](), dict[str, AdversarySpec]()
     for label, spec in suite.adversaries.items():

@@ -119,8 +119,8 @@ def run_benchmark(
         entries: The folder of the entries; None takes `out`/entries.
         workers: The number of processes. Groups of runs with the same track, agent and seed run in
             parallel; the runs of a group run one after another. If there are fewer groups than
-            processes, each run evaluates in several. With an executor (see `Workers`), give its
-            number of workers; they need not have access to `out`. Results do not depend on it.
+            processes, each run evaluates in several. With an executor (:class:`~sada_gym.Workers`),
+            give its number of workers; they need no access to `out`. Results do not depend on it.
         references: The folder of the reference sets.
         callback: Receives the progress.
 
@@ -170,8 +170,8 @@ def plan_benchmark(
 ) -> Outlook:
     """Return what `run_benchmark` would do and what that costs; nothing is run or written.
 
-    Costs are estimated from the finished runs in `out`. Without `entries`, those in `out` count. A
-    part of the suite that is not valid, or cannot be read, is a TypeError or ValueError.
+    Costs are estimated from the finished runs in `out`. Without `entries`, those in `out` count.
+    Raises a TypeError or ValueError if a part of the suite is not valid or cannot be read.
     """
     folder, entries_folder, references = _places(out, entries, references)
     plan = make_plan(suite, references)
@@ -190,8 +190,8 @@ def report_benchmark(
     """Write the tables and pictures of all results that the entries hold so far.
 
     A benchmark may be running there meanwhile. Without `entries`, those in `out` count. Without a
-    suite, the report has all tracks and all rules for the budget that occur. A folder that is no
-    benchmark's, or has no result, is a ValueError.
+    suite, the report has all tracks and all rules for the budget that occur. Raises a ValueError
+    if the folder is not that of a benchmark, or holds no result.
     """
     folder, entries_folder, references = _places(out, entries, references)
     with file_errors("read", entries_folder):

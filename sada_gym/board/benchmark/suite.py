@@ -238,7 +238,7 @@ columns that are single tracks, because 20,000 queries on each track of detectio
 
 
 def find_suite(name: str) -> BenchmarkSuite:
-    """Return a suite by its name; an unknown name is a ValueError."""
+    """Return a suite by its name; raises a ValueError for an unknown name."""
     check_known("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
 
@@ -256,7 +256,7 @@ def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
 def find_adversary(text: str) -> tuple[str, AdversarySpec]:
     """Return the label and the adversary for a label, name, `name:preset` or `module:Class`.
 
-    An unknown name is a ValueError. Presets and classes are checked only by `AdversarySpec.make`.
+    Raises a ValueError for an unknown name. Only `AdversarySpec.make` checks presets and classes.
     """
     if text in ADVERSARIES:
         return text, ADVERSARIES[text]

@@ -1,7 +1,7 @@
 """The attack fooling rates that the paper reports, for other agents and other worlds than ours.
 
-Hamdi, Mueller, Ghanem 2020, `sada.tex`: Table `tbl:all` (lines 269-281) and the appendix's
-Table `detector-table` (lines 671-683), as printed there, including its contradictions.
+They are from Table 1 and from the appendix's table of detectors in Hamdi, Mueller & Ghanem 2020, as
+printed there; where the two contradict each other, so do these.
 """
 
 from __future__ import annotations

@@ -224,7 +224,7 @@ def front_of(rows: Iterable[Row]) -> dict[str, bool]:
     """Find the entries that no other entry beats in both AFR and coverage.
 
     Returns:
-        By name, whether an entry is on this front: complete entries with both figures, no controls.
+        Whether each complete entry with both figures, but no control, is on this front, by name.
     """
     points = {
         row.entry: (row.afr.value, row.relative_coverage.value)

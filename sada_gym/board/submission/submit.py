@@ -116,14 +116,14 @@ def submit_samples(
     many ideal samples are evaluated too.
 
     Args:
-        samples: For each seed 0, 1, ... the M samples, (M, d) in [-1, 1], or an NPY file of them.
+        samples: For each seed 0, 1, ... (M, d) in [-1, 1], or an NPY file; M is the `sample_size`.
         metadata: See `make_metadata`.
         track: The environment's id.
         adversary: The adversary's name.
         queries: The number of training queries that each seed spent.
         agent: The agent's name; None takes the default one.
         options: The adversary's options, as information for readers.
-        rule: The rule for the budget.
+        rule: The rule for the budget, such as `paper-budgets` or `equal-queries`.
         workers: 1 evaluates in this process, more start that many worker processes.
         out: The folder of entries, see `submit`.
         replace: Whether to replace results that the entry already has.

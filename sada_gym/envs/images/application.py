@@ -78,8 +78,10 @@ class ImageApplication(Application):
     Args:
         images: A folder, a list of files, or arrays (height, width, 3) uint8.
         agent: An ONNX or TorchScript file, `torchvision:NAME`, the name of a fetched agent, a torch
-            module, or a function with torchvision's convention. For an agent in a separate process:
-            its address, `"tcp://127.0.0.1:7788"`, or a command as a list of texts.
+            module, or a function. It gets a float32 tensor (1, 3, height, width) in [0, 1], and
+            returns (1, classes) scores. As torchvision's, a detector gets a list of (3, height,
+            width), and returns a list of `{"boxes", "labels", "scores"}`. For an agent in a
+            separate process: its address, `"tcp://127.0.0.1:7788"`, or a command (list of texts).
         labels: What is in the images: COCO's JSON, a folder of YOLO's text files, a class for each
             image, or `boxes` and `labels` for each. None takes the names of the images' folders as
             classes, if all images lie in such folders; otherwise the model's own answers on the
@@ -101,8 +103,7 @@ class ImageApplication(Application):
         input_size: The side in px to which images are resized for a classifier; None keeps theirs.
         imagenet: Whether to normalise a classifier's input by ImageNet's mean and deviation.
         device: Where a torch module computes: `cpu` or `cuda`.
-        agent_timeout: How many seconds an agent in a separate process may take to start, and for
-            each answer.
+        agent_timeout: Seconds that a separate agent may take to start, and for each answer.
         name: The application's name in reports.
         agent_id: Names the agent where scores are stored; by default a hash of its weights.
         skip_unreadable: Skip images that cannot be read, with a warning that counts them.

@@ -100,9 +100,9 @@ class GymnasiumApplication(EpisodePictures):
             constructor, if there is one, otherwise the attribute of `env.unwrapped`.
         score: `("return", low, high)`, scaled from low = 0 to high = 1 and clipped; `"success"`,
             for `info["is_success"]` or `info["success"]`; `("success", key)`;
-            `("length", maximum)`; or a function of an `Episode` that returns 0 to 1, the best.
-            For several requirements, a dictionary of such scores by name. An episode fails if it
-            fails at least one of them: the score is then the smallest margin.
+            `("length", maximum)`; or a function of an `Episode` that returns a number from 0
+            (worst) to 1 (best). For several requirements, a dictionary of such scores by name. An
+            episode fails if it fails at least one of them: the score is then the smallest margin.
         fooling_threshold: The agent is fooled if the score is at most this. For several
             requirements, one number for all, or one for each by name.
         episodes: The number of episodes in an evaluation; their mean score counts.
@@ -112,8 +112,8 @@ class GymnasiumApplication(EpisodePictures):
             reaches 100,000 steps then breaks.
         env_kwargs: The keywords that every environment gets.
         name: The application's name in reports; by default the environment's.
-        agent_id: Names the agent where scores are stored, together with all your functions: change
-            it whenever you change one of them. SB3 models have a hash of their weights instead.
+        agent_id: A name for the agent and all functions that you pass here. Stored scores are found
+            by it: change it whenever you change one of them. SB3 models have a hash of weights.
         allow_pickle: Whether files may be unpickled. This can run code: allow only your own files.
         vec_normalize: The `VecNormalize` that the agent was trained with, or its file, a pickle. A
             model that holds its training environment needs none. False: the agent was trained
@@ -141,8 +141,7 @@ class GymnasiumApplication(EpisodePictures):
             from one that a parameter sets: it would keep its old value. A warning names such ones.
         timeout: Seconds that the environment may take for an episode. A worker process that takes
             longer is stopped, so use `workers=2` or more: a single process cannot interrupt a call.
-        agent_timeout: How many seconds an agent or an environment in a separate process may take
-            to start, and for each answer.
+        agent_timeout: Seconds that a separate agent or environment may take to start or to answer.
         privileged: A second agent, of the same kinds as `agent`, such as a controller that knows
             the physics or an older checkpoint. If it fails as well, the failure may not be the
             agent's fault: attacks report such worlds separately. `vec_normalize`, `deterministic`
@@ -152,7 +151,7 @@ class GymnasiumApplication(EpisodePictures):
             process may have this many. None plays many worlds at once.
         reuse: Whether to reset an environment for the next episode instead of making a new one,
             which saves slow constructors. No parameter may be a keyword of the constructor. Before
-            the first score, three worlds must go the same way in new and in reset environments.
+            the first score, three worlds must give the same episode in a new and in a reset one.
         requirement: One of several requirements: only this one counts as a failure, and adversaries
             see its margin. None takes the worst in each episode.
 

@@ -105,9 +105,9 @@ class Event(Timed, Disturbance):
 
     It is called before the first step of the event, with the value, or with True if the event has
     no range. To undo the change, return a function without arguments: it is called before the first
-    step after the event, or after the episode. If events overlap, those that began later are undone
-    before it, and begun again. An evaluation store keeps the scores only if you give an `agent_id`;
-    change that whenever you change the function.
+    step after the event, or after the episode. If events overlap, the end of one first undoes those
+    that began later, and then begins them again. An evaluation store keeps the scores only if you
+    give an `agent_id`; change that whenever you change the function.
 
     Attributes:
         set: The function. With worker processes it must be importable.

@@ -28,7 +28,7 @@ class Episode:
         infos: The environment's infos at the reset and after each step, T + 1 of them.
         terminated: Whether the environment ended the episode.
         truncated: Whether a limit of steps ended the episode.
-        probed: What each of the score's `probes` returned, T + 1 values by its `id`.
+        probed: What each function of `env` in an "stl" score returned, T + 1 values by its `id`.
     """
 
     rewards: npt.NDArray[np.float64]

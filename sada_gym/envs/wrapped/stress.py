@@ -57,7 +57,7 @@ class StressEnv(gym.Env[Any, Floats32]):
     ## Episode End
     Terminated when the episode of the agent ends; `info` then has `score`, `fooled`, `seed`,
     `invalid` (why the world broke), and `requirements` if there are several. The attribute
-    `failures` keeps the worlds of failures; steps after their end are as in ordinary use.
+    `failures` keeps the worlds of failures; parameters have usual values after an episode's end.
 
     ## Arguments
     - `application`: its parameters must be able to change in each step, and must have no knots.
