@@ -237,12 +237,15 @@ class LevelSet(FittedAdversary):
             self.level = level
 
     def _predict_pool(self, size: int) -> tuple[Mu, Floats]:
-        pool, p = self._uniform(0), np.zeros(0)
-        for _ in range(_MAX_POOLS):
+        pool, p, most = self._uniform(0), np.zeros(0), _MAX_POOLS * size
+        while len(pool) < most:
             drawn = self._uniform(size)
             pool, p = np.concatenate([pool, drawn]), np.append(p, self._surrogate(drawn))
-            if (p >= 0.5).sum() >= 4 * _MIN_SET:
+            inside = (p >= 0.5).sum()
+            if inside >= 4 * _MIN_SET:
                 break
+            if len(pool) == most and 0 < inside < 2 * _MIN_SET:
+                most = _MAX_POOLS * _MAX_POOL  # so few points would leave its level where it is
         return pool, p
 
     def _predict_coverage(self, pool: Mu, p: Floats, rows: Indices, real: Mu) -> float:

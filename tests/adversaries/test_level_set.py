@@ -10,6 +10,7 @@ from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.testing import AdversaryContract
 from sada_gym.testing.scales import scales
+from studies import many_dimensions
 from studies.landscapes import THRESHOLD, FunctionOracle, Landscape
 from studies.lucky_landscapes import LuckyLandscape
 
@@ -125,6 +126,15 @@ def test_a_rare_set_is_walked_in():
     samples = adversary.sample(300)
     assert (q(samples) <= 0.3).mean() > 0.8
     assert samples.std(axis=0).min() > 0.03
+
+
+@pytest.mark.long
+def test_the_level_is_raised_in_a_rare_set_as_well():
+    # 3 % of the box are predicted to fool: 50,000 points, the usual pool, hold too few to judge by
+    adversary, _ = trained(many_dimensions.gust, dimension=20, threshold=0.5)
+    assert adversary.level > 0.5
+    samples = adversary.sample(250)
+    assert (many_dimensions.gust(samples) <= 0.5).mean() > 0.75
 
 
 @pytest.mark.long
