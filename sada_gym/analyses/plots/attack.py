@@ -112,7 +112,7 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
     whose samples are farthest from uniform.
     """
     shown = _least_uniform(samples.mu)
-    columns = min(4, len(shown))
+    columns = min(3, len(shown))
     rows = -(-len(shown) // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
     chosen = [bool(space.parameters[i].choices) for i in shown]
