@@ -3,13 +3,15 @@
 A detector trained on people's photographs knows objects from where people stand. The prior puts
 this into numbers. They are common sense, written down before any fooling rate was measured:
 
-- distance: near enough to fill the frame; 8 + 6.5 Beta(1.3, 2.5) scene units, mean 10.2;
-- azimuth: three-quarter front views (half of all), side (three in ten), front, three-quarter rear;
-- pitch: eye level, N(9, 7) degrees within [0, 30];
-- light: the sun behind the photographer, N(0, 55) degrees; high, N(45, 15) within [12, 80];
-- colour: as sold: white, black, greys and silver (six in ten), then blue, red, brown, green,
-  yellow, of moderate saturation;
-- aim: nearly centred, N(0, 0.1) of half the frame either way.
+- Distance: the object fills the frame. The distance is 8 + 6.5 Beta(1.3, 2.5) scene
+  units, on average 10.2.
+- Pitch: the camera is at eye level. Its pitch is N(9, 7) degrees within [0, 30].
+- Light: the sun stands behind the photographer, and high. Its azimuth differs from the camera's
+  by N(0, 55) degrees; its pitch is N(45, 15) degrees within [12, 80].
+- Aim: the object is nearly in the middle. Its offset is N(0, 0.1) of half the frame, in each axis.
+
+N(m, s) is a normal distribution with mean m and standard deviation s; values outside the range in
+brackets are drawn again.
 """
 
 from __future__ import annotations
