@@ -144,8 +144,7 @@ CONTROLS = frozenset({IDEAL, "memorise"})
 _PAPER_BUDGETS = Table(
     name="paper-budgets",
     title="The paper's budgets",
-    note="As in the paper: N queries for every adversary (on detection another number for "
-    "`bayesian`); the samples that boosting adds are extra.",
+    note="As in the paper: N queries for each adversary; the samples that boosting adds are extra.",
     budget=Budget(queries=1_000, boosting_on_top=True),
     budget_of={
         "SADA-Detection": Budget(

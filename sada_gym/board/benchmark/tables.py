@@ -41,6 +41,7 @@ _LEGEND = """\
 - Front: on how many tracks no other ranked adversary has both a higher AFR and a higher coverage.
 - μ_std: the samples' spread, 0.577 where uniform. Novelty: the median distance from a sample to the
   nearest training query. *Novelty / ideal* divides by that of ideal samples; 0 repeats queries.
+  Mean Q: the mean score of the samples.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `memorise` are controls and have none.
 """
@@ -85,9 +86,10 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
         columns = _paper_columns(by_track.tracks)
         if not (overviews[table.name] and is_default(application, comparison.agent)):
             yield from _like_the_paper(by_track, columns)
-        if {c.tracks[0] for c in columns if not c.is_mean} != {*by_track.tracks}:
-            yield from _rates(by_track)  # else those columns have them
-        yield from _coverages(by_track)
+        if len(by_track.tracks) > 1:
+            if {c.tracks[0] for c in columns if not c.is_mean} != {*by_track.tracks}:
+                yield from _rates(by_track)  # else those columns have them
+            yield from _coverages(by_track)
     yield from _targets(results)
     yield from _remarks(results, notes)
     versions = (f"{name} {' and '.join(several)}" for name, several in results.packages.items())
@@ -151,7 +153,7 @@ def _all_applications(results: Results, table: str) -> Iterator[str]:
     titles = dict.fromkeys(comparison.table.title for comparison in comparison_of.values())
     agents = dict.fromkeys(comparison.agent for comparison in comparison_of.values())
     yield from (f"## {next(iter(titles))}: all applications", "")
-    yield from (f"Agents: {', '.join(agents)}.", "")
+    yield from (f"Agents: {', '.join(agents)}. A dash: not run on all tracks of the column.", "")
     by_track, columns = _ByTrack(results, comparison_of), _paper_columns(comparison_of)
     yield from _like_the_paper(by_track, columns)
     # the paper itself has no coverage

@@ -133,7 +133,11 @@ MEANS: Mapping[str, Measure] = {
     ),
     "novelty_fifth_ratio": Measure(lambda m: m.novelty.fifth_ratio if m.novelty else None),
     "image_novelty_ratio": Measure(
-        lambda m: m.image_novelty.ratio if m.image_novelty else None, "image novelty / ideal", 2
+        lambda m: m.image_novelty.ratio if m.image_novelty else None,
+        "image novelty / ideal",
+        2,
+        hint="Image novelty / ideal: the same with distances between images.",
+        optional=True,
     ),
     "afr_feasible": Measure(
         lambda m: m.feasible.afr if m.feasible else None,

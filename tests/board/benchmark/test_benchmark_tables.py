@@ -158,7 +158,7 @@ def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
     [section] = [title for title in text.splitlines() if title.endswith("all applications")]
     assert section == "## A table: all applications"
     whole = text.partition(section)[2].partition("\n## ")[0]
-    assert "Agents: photographer, cil." in whole
+    assert "Agents: photographer, cil. A dash" in whole
     header = ["adversary", "Bicycle", "One Curve"]
     assert line(whole, "Compared with the paper's Table 1", "adversary") == header
     assert line(whole, "Compared with the paper's Table 1", "bbgan") == [
