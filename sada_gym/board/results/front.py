@@ -203,7 +203,7 @@ def make_chart(rows: Sequence[Row], title: str, start: float = 0.0) -> FrontChar
     places = [
         (_across(coverage.value, end, start), _up(afr.value, floor)) for _, coverage, afr in shown
     ]
-    sizes = np.array([(_LETTER * len(row.label), _LINE) for row, _, _ in shown])
+    sizes = np.array([(_width(row.label), _LINE) for row, _, _ in shown])
     labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
     points = []
     for (row, coverage, afr), (x, y), label in zip(shown, places, labels.tolist(), strict=True):
@@ -251,7 +251,7 @@ def _drawn(point: Point, root: str | None) -> Iterator[str]:
     for x1, y1, x2, y2 in point.bars:
         yield f'<line class="interval" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>'
     dx, dy = point.label_x - point.x, point.label_y - point.y
-    edge_x = max(abs(dx) - _LETTER * len(point.row.label) / 2, 0.0)
+    edge_x = max(abs(dx) - _width(point.row.label) / 2, 0.0)
     edge_y = max(abs(dy) - _LINE / 2, 0.0)
     if np.hypot(edge_x, edge_y) > _LEADER_FROM:
         x, y = point.x + np.sign(dx) * edge_x, point.y + np.sign(dy) * edge_y
@@ -318,3 +318,8 @@ def _inside(points: Floats, low: Floats, high: Floats) -> Floats:
     """Count, for each place of a name, the points that lie within boxes."""
     inside = np.logical_and(points > low, points < high).all(axis=-1)
     return np.asarray(inside.sum(axis=(1, 2)), np.float64)
+
+
+def _width(label: str) -> float:
+    """Return about how wide a name is, in pixels: an m is half as wide again as other letters."""
+    return _LETTER * (len(label) + 0.6 * label.count("m"))
