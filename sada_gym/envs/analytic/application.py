@@ -29,9 +29,9 @@ class AnalyticApplication(Application):
     """An instant application whose fooling set is known exactly.
 
     ## Description
-    The score is a function of mu alone: it grows with the distance to the nearest of `regions`
-    separate boxes in [-1, 1]^d. These boxes are the fooling set; together they fill the share
-    `volume` of the space in any dimension, so a uniform adversary fools the agent that often.
+    There is no agent: the score is a function of mu, the point, alone. It grows with the distance
+    to the nearest of `regions` separate boxes in [-1, 1]^d. These boxes are the fooling set; they
+    fill the share `volume` of the space in any dimension, so that share of uniform points fools.
 
     [-1, 1]^d is cut into as many equal cells as there are regions, and each cell holds one box that
     fills the share `volume` of it. So the boxes never touch, and every dimension bounds every box.

@@ -10,7 +10,7 @@ CARD = ApplicationCard(
     title="Pixel attack",
     summary="The adversary adds noise to the image of a digit, and the classifier has to read it.",
     application="sada_gym.envs.pixel.application:PixelApplication",
-    agents=(replace(CNN, summary="the same classifier as of SADA-Digits; the default"),),
+    agents=(replace(CNN, summary="the classifier of SADA-Digits; the default"),),
     agent_kind="classifier",
     agent_loader=LOADER,
     packages=("scikit-learn", "torch"),
