@@ -121,7 +121,7 @@ def metadrive() -> Image.Image:
 
 
 def go2() -> Image.Image:
-    """The end of a walk that falls."""
+    """The end of a walk that slides back."""
     application = make_application(draw_go2.TRACK)
     (rollout,) = application.rollouts(draw_go2.mu_of(**draw_go2.SLOW), draw_go2.SEED)
     return card(go2_frame.snapshot(rollout, rollout.last).crop((90, 30, 650, 380)))
