@@ -222,7 +222,7 @@ def of_parameters() -> Figure:
 
 
 def of_speed() -> Figure:
-    """Draw how long 500 queries and the test samples take on each application."""
+    """Draw how long the evaluations of an attack take on each application."""
     heading, *rows = named(DOCS / "results" / "speed.md", "500 queries and M samples")
     column = heading.index("500 queries and M samples")
     figure = new_figure(6.2, 2.4)
@@ -232,7 +232,7 @@ def of_speed() -> Figure:
     write_values(axes, [f"{value:g} s" for value in seconds], seconds, 8, color=INK)
     axes.set_yticks(range(len(rows)), labels=[row[0] for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set(xscale="log", xlabel="seconds on one core", xlim=(0.05, 300))
+    axes.set(xscale="log", xlabel="seconds on one core, evaluations only", xlim=(0.05, 300))
     axes.set_xticks((0.1, 1, 10, 100), labels=("0.1", "1", "10", "100"))
     tidy(axes)
     return figure
