@@ -24,7 +24,7 @@ from sada_gym.foundations.files import file_errors
 
 @dataclass(frozen=True)
 class Missing:
-    """What a plan asks for and the entries lack.
+    """The runs of a plan that the entries do not hold yet.
 
     Attributes:
         runs: The runs to make.
