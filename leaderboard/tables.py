@@ -108,11 +108,11 @@ def results_of_suite(entries: Sequence[Entry], suite: str) -> Results:
 
 def heading(suite: str) -> str:
     """Return how a page `docs/results/SUITE/table.md` begins."""
-    title = {"table-1": "Table 1", "agents": "The other agents"}.get(suite, suite.capitalize())
-    where = {"table-1": "the paper's tracks", "agents": "the other agents"}.get(suite, suite)
+    title = {"table-1": "The SADA paper's Table 1", "agents": "The other agents"}
+    where = {"table-1": "the paper's tracks", "agents": "the other agents", "robot": "the robot"}
     return (
-        f"# {title} in full\n\n"
-        f"**Every measure of every adversary on {where}, as the "
+        f"# {title.get(suite, suite.capitalize())} in full\n\n"
+        f"**Every measure of every adversary on {where.get(suite, suite)}, as the "
         "[leaderboard's](../../leaderboard.md) entries claim them.** [The results](../index.md) "
         "show fewer measures, which the verifier measured again on fresh seeds."
     )

@@ -52,12 +52,12 @@ class _Record(Strict):
 class FittedAdversary(Adversary):
     """An adversary that evaluates points, fits a model to them, and draws from the model.
 
-    A subclass sets `name` and, if it has options, `options_class`. It implements `fit` and `draw`,
-    and `query` if not all queries are uniform. Saving needs no code: loading fits again, from the
-    same points and random state. If fitting is slow, save the model by `arrays` and `restore`.
+    A subclass implements `fit` and `draw`, and also `query` if not all of its queries are uniform.
+    Saving needs no code: loading fits again, to the same points and from the same state of the
+    generator. If fitting is slow, implement `arrays` and `restore` to save the model itself.
 
-    Its arguments are those of `Adversary`. `queries`, :class:`~sada_gym.evaluations.Evaluations`,
-    are all points evaluated in training; `threshold` is the oracle's. No sample repeats a query.
+    The arguments are those of `Adversary`. `queries` are all points evaluated in training, and
+    `threshold` is the oracle's. No sample repeats a query.
     """
 
     queries: Evaluations
@@ -68,12 +68,12 @@ class FittedAdversary(Adversary):
     _before_fit: Mapping[str, Any]
 
     def query(self, oracle: Query) -> Evaluations:
-        """Spend the oracle's budget; return all points (`Evaluations`), by default uniform ones."""
+        """Spend the oracle's budget; return all evaluated points. By default all are uniform."""
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
     def fit(self, queries: Evaluations) -> None:
-        """Learn from `queries.mu` (n, d) and `queries.score` (n,); `self.threshold` is set."""
+        """Learn from all evaluated points; `self.threshold` is set."""
 
     @abstractmethod
     def draw(self, n: int) -> AnyFloats:

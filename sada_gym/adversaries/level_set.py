@@ -77,8 +77,8 @@ class LevelSet(FittedAdversary):
     set (compare Bryan et al. 2005, "Active learning for identifying function threshold
     boundaries"). Samples are uniform over {p >= level}, by rejection from the box, or by a
     Metropolis walk within the set if it is small. The level is 1/2, raised as far as the predicted
-    coverage (Naeem et al. 2020) allows. The level set is at least `volume` times as large as the
-    region that is predicted to fool.
+    coverage (Naeem et al. 2020) allows. The set keeps at least the share `volume` of the volume
+    that is predicted to fool.
 
     If scores are random, mu near a *hit* (a query that fooled) may fool more often than the level
     set does. Once 20 queries have fooled, a trial compares the two. If mu near hits fool about as

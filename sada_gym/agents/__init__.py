@@ -41,7 +41,7 @@ def names(application: str | None = None) -> tuple[str, ...]:
 
 
 def card(name: str, application: str | None = None) -> AgentCard:
-    """Return a shipped agent's card by name; raise `UserError` if there is no such agent."""
+    """Return a shipped agent's card by name; raise `UserError` if the application has none such."""
     chosen = [card for card in cards() if application in (None, card.name)]
     shipped = {agent.name: agent for card in chosen for agent in card.agents}
     if name not in shipped:
@@ -147,7 +147,7 @@ def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, An
 
 
 def verify(agent: AgentCard) -> None:
-    """Check that the weights of an agent, an `AgentCard`, are those that the benchmark measured.
+    """Check that an agent's weights are those that the benchmark was measured with.
 
     Raises:
         FileError: If the file is missing, or its SHA-256 differs from the recorded one.

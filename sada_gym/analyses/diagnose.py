@@ -52,12 +52,12 @@ def diagnose(
     It looks for rules in the training queries and test samples, and checks them on fresh uniform
     worlds inside and outside the rules. It returns a :class:`.Diagnosis`. The run's folder keeps it
     (diagnosis.json) and the fresh scores, so a stopped call continues where it stopped. If the
-    training queries are missing, it returns the stored one; delete diagnosis.json for a new one.
+    training queries are missing, it returns the stored diagnosis; delete that to make a new one.
 
     Args:
         run: A run, or its folder.
-        fresh: The largest number of fresh evaluations. By default 5 % of the run's budget, at most
-            200, but at least 15 for each rule and 15 outside all rules. 0 checks no rule.
+        fresh: The most fresh evaluations. None takes 5 % of the run's budget, at most 200, but at
+            least 15 for each rule and 15 outside all rules. With 0 no rule is checked.
         confirm: The number of fresh seeds on which each failing sample is tried again; the results
             are `run.failures`.
         application: What the run attacked, if the run does not record it, see :meth:`.Run.open`.

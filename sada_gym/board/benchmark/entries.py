@@ -24,7 +24,7 @@ from sada_gym.foundations.files import file_errors
 
 @dataclass(frozen=True)
 class Missing:
-    """The runs of a plan that the entries do not hold yet.
+    """What a plan asks for and the entries lack.
 
     Attributes:
         runs: The runs to make.

@@ -128,7 +128,7 @@ def run_benchmark(
         TypeError, ValueError: If a part of the suite is not valid, if the folder holds something
             else, or if a file of an entry cannot be read.
         WorkerError: If a run killed its process three times, or the executor failed.
-        RunError: If an adversary or an application raised anything but an `AdversaryError`.
+        RunError: If an adversary raised anything but an `AdversaryError`.
     """
     folder, entries_folder, references = _places(out, entries, references)
     called = callback or BenchmarkCallback()

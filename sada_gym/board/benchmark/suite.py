@@ -90,7 +90,7 @@ class Table(Strict):
     def protocol(
         self, target: OpenTarget, adversary: AdversarySpec, solver: Adversary | None
     ) -> Protocol:
-        """Return rule, budget and number of samples; `solver` is None if it is not shipped."""
+        """Return the rules for an adversary. `solver` is the adversary itself if it is shipped."""
         budget = self.budget_of.get(target.target.application.name, self.budget)
         return Protocol(
             rule=self.name,
@@ -288,14 +288,14 @@ def choose(
     samples: int | None = None,
     images: int | None = None,
 ) -> BenchmarkSuite:
-    """Return a copy of a suite with some parts chosen or changed.
+    """Return a suite with some parts chosen or changed; what is not given stays.
 
     `chosen` are adversaries, as texts for `find_adversary`. The agents, seeds, budget and samples
-    apply to every table and track. `budget` replaces every number of queries, but `boosting_on_top`
-    of each table stays. Arguments that you leave out change nothing.
+    apply to every table and track. Where boosting may exceed the budget, it still may.
 
     Raises:
-        ValueError: If a table or adversary is unknown, a track is a file, or a number out of range.
+        ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
+            range.
     """
     numbers = {"seeds": seeds, "budget": budget, "samples": samples, "images": images}
     for name, value in numbers.items():

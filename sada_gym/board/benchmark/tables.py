@@ -40,17 +40,18 @@ _LEGEND = """\
   it fools on at least half of its seeds. Density is higher than that of `ideal` if samples crowd.
 - Front: on how many tracks no other ranked adversary has both a higher AFR and a higher coverage.
 - μ_std: the samples' spread, 0.577 where uniform. Novelty: the median distance from a sample to the
-  nearest training query. *Novelty / ideal* divides by that of ideal samples; 0 repeats queries.
-  Mean Q: the mean score of the samples.
+  nearest training query. *Novelty / ideal* divides by that of ideal samples; it is 0 where the
+  samples repeat queries. *Image novelty / ideal* takes distances between images. Mean Q: the mean
+  score of the samples.
+- Full set: the rate of uniform points, from the reference set.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `memorise` are controls and have none.
 """
 
 _BESIDE_THE_PAPER = (
-    "Bold: rank 1 by F1 on this track, shared or not. The paper attacked other agents in other "
+    "Bold: rank 1 by F1 on the track, shared or not. The paper attacked other agents in other "
     "worlds (YOLOv3 in Blender, a driver in CARLA, a pilot in Sim4CV), and its rates are the best "
-    "of many settings chosen on the test samples: compare orders, not numbers. Full set: the rate "
-    "of uniform points, here from the reference set."
+    "of many settings chosen on the test samples: compare orders, not numbers."
 )
 
 
@@ -65,8 +66,10 @@ def write_tables(
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     everything = [row for comparison in results.comparisons for row in comparison.rows]
-    hints = (measure.hint for measure in _means(everything).values() if measure.optional)
-    yield from ("", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
+    hints = [mean.hint for mean in _means(everything).values() if mean.optional and mean.hint]
+    if any(_paper_columns(comparison.tracks) for comparison in results.comparisons):
+        hints.append(_BESIDE_THE_PAPER)
+    yield from ("", _LEGEND + "".join(f"- {hint}\n" for hint in hints))
     overviews = {
         table: [*_all_applications(results, table)]
         for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons)
@@ -233,7 +236,6 @@ def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iter
         lines = _beside_the_paper(by_track, columns).values()
         title = "### Compared with the paper's Table 1: AFR in %, ours / the paper's"
         yield from _section(title, ("adversary", *(column.title for column in columns)), lines)
-        yield from (_BESIDE_THE_PAPER, "")
 
 
 def _rates(by_track: _ByTrack) -> Iterator[str]:

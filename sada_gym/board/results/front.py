@@ -185,9 +185,9 @@ class FrontChart:
 
 
 def make_chart(rows: Sequence[Row], title: str, start: float = 0.0) -> FrontChart | None:
-    """Make the chart of the adversaries with an AFR and a coverage; None for fewer than two.
+    """Make the chart of the adversaries that have both figures; None for fewer than two.
 
-    It is a `FrontChart`. Adversaries with a coverage below `start` are left out.
+    Those with a coverage below `start` are left out.
     """
     known = [
         (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage

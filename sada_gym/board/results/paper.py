@@ -1,7 +1,7 @@
 """The attack fooling rates that the paper reports, for other agents and other worlds than ours.
 
 They are from Table 1 and from the appendix's table of detectors in Hamdi, Mueller & Ghanem 2020, as
-printed there: in places, the two tables contradict each other.
+printed there; where the two contradict each other, so do these.
 """
 
 from __future__ import annotations

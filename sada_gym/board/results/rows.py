@@ -136,13 +136,13 @@ MEANS: Mapping[str, Measure] = {
         lambda m: m.image_novelty.ratio if m.image_novelty else None,
         "image novelty / ideal",
         2,
-        hint="Image novelty / ideal: the same with distances between images.",
         optional=True,
     ),
     "afr_feasible": Measure(
         lambda m: m.feasible.afr if m.feasible else None,
         "AFR, feasible, %",
-        hint="AFR, feasible: the AFR over those samples whose worlds a privileged agent masters.",
+        hint="AFR, feasible: the AFR over those samples in whose worlds a privileged agent, which "
+        "knows more than the attacked one, succeeds.",
         optional=True,
     ),
 }

@@ -99,11 +99,10 @@ class GymnasiumApplication(EpisodePictures):
             `sada_gym.envs.wrapped`. (low, high) sets the keyword of that name of the environment's
             constructor, if there is one, otherwise the attribute of `env.unwrapped`.
         score: `("return", low, high)`, scaled from low = 0 to high = 1 and clipped; `"success"`,
-            for `info["is_success"]` or `info["success"]`; `("success", key)`; `("failure", key)`,
-            for a flag in `info` that must stay false; `("cost", limit)`, for `info["cost"]`;
-            `("length", maximum)`; `("stl", formula)`, in temporal logic; or a function of an
-            `Episode` that returns a number from 0 (worst) to 1 (best). For several requirements, a
-            dictionary of scores by name: one failure is enough; the score is the smallest margin.
+            for `info["is_success"]` or `info["success"]`; `("success", key)`;
+            `("length", maximum)`; or a function of an `Episode` that returns a number from 0
+            (worst) to 1 (best). For several requirements, a dictionary of such scores by name. An
+            episode fails if it fails at least one of them: the score is then the smallest margin.
         fooling_threshold: The agent is fooled if the score is at most this. For several
             requirements, one number for all, or one for each by name.
         episodes: The number of episodes in an evaluation; their mean score counts.
@@ -161,9 +160,10 @@ class GymnasiumApplication(EpisodePictures):
 
     Example:
         >>> application = GymnasiumApplication(
-        ...     "CartPole-v1", agent=lambda state: int(state[2] + state[3] > 0), agent_id="by hand",
-        ...     parameters={"gravity": (5.0, 20.0), "length": (0.2, 2.0)}, fooling_threshold=0.5,
-        ...     derived={"polemass_length": "masspole * length"}, score=("length", 500),
+        ...     "CartPole-v1", agent=lambda state: int(state[2] + state[3] > 0),
+        ...     parameters={"gravity": (5.0, 20.0), "length": (0.2, 2.0)},
+        ...     derived={"polemass_length": "masspole * length"},
+        ...     score=("return", 0.0, 500.0), fooling_threshold=0.5, agent_id="by hand",
         ... )
     """
 

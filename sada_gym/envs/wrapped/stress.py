@@ -60,13 +60,13 @@ class StressEnv(gym.Env[Any, Floats32]):
     `failures` keeps the worlds of failures; parameters have usual values after an episode's end.
 
     ## Arguments
-    - `application`: its parameters must be able to change in each step, and must not use `knots=`.
+    - `application`: its parameters must be able to change in each step, and must have no knots.
     - `actions="mu"`: what an action means, see Action Space.
     - `state=None`: a function of `env.unwrapped` that returns numbers to observe.
     - `miss=1000.0`: the weight of the distance by which an episode misses a failure.
 
-    The attribute `application` has one value of each parameter for each step (a knot). It evaluates
-    and replays worlds of failures: `application.replay(failures.mu[0], int(failures.seed[0]))`.
+    The attribute `application` is the same application with a knot for each step. It can evaluate
+    and replay the worlds of failures: `application.replay(failures.mu[0], int(failures.seed[0]))`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
