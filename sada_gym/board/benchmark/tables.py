@@ -25,6 +25,7 @@ from sada_gym.board.results.sheet import (
     text_cell,
     titled_table,
 )
+from sada_gym.foundations.cards import cards
 from sada_gym.foundations.files import write_file
 
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
@@ -43,7 +44,7 @@ _LEGEND = """\
   nearest training query. *Novelty / ideal* divides by that of ideal samples; it is 0 where the
   samples repeat queries. *Image novelty / ideal* takes distances between images. Mean Q: the mean
   score of the samples.
-- Full set: the rate of uniform points, from the reference set.
+- Full set: how often the uniform points of the reference set fool.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `memorise` are controls and have none.
 """
@@ -75,11 +76,12 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
         for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons)
     }
     yield from (line for overview in overviews.values() for line in overview)
+    titles = {card.name: card.title for card in cards()}
     notes_of_tables = {c.table.name: c.table.note for c in results.comparisons}
     for comparison in results.comparisons:
         rows, table = comparison.rows, comparison.table
         application = comparison.runs[0].experiment.target.application.name
-        title = (table.title, application.removeprefix("SADA-"), comparison.agent)
+        title = (table.title, titles.get(application, application), comparison.agent)
         yield from (f"## {', '.join(filter(None, title))}", "")
         yield from (notes_of_tables.pop(table.name, ""), _budgets(rows))
         over = _tracks(max(row.tracks for row in rows))

@@ -174,7 +174,7 @@ def test_other_agents_stand_in_no_table_of_all_applications(tmp_path):
     agents = [(TRACKS[2], "surveyor"), ("SADA-Driving-OneCurve-v0", "ppo")]
     text, _ = report(tmp_path, [run(track, "random", 100, agent=agent) for track, agent in agents])
     assert "all applications" not in text
-    assert "## A table, Driving, ppo" in text
+    assert "## A table, Self-driving, ppo" in text
 
 
 def test_one_application_has_no_such_table(whole):
