@@ -289,7 +289,8 @@ def _coverages(by_track: _ByTrack) -> Iterator[str]:
 
 
 def _targets(results: Results) -> Iterator[str]:
-    titles = ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
+    before = ("track", "agent", "ε", "seeds", "reference points")
+    titles = (*before, "full set", "fooling set", "agent's SHA-256")
     lines = []
     for target in results.targets:
         reference, fingerprint = target.reference, target.application.fingerprint
@@ -297,6 +298,7 @@ def _targets(results: Results) -> Iterator[str]:
             *(target.track, target.agent, f"{target.fooling_threshold:g}"),
             f"{len(results.seeds_of(target))}",
             f"{reference.points:,}" if reference else "none",
+            f"{100 * reference.uniform_rate:.1f} %" if reference else "",
             f"{100 * reference.fooling / reference.points:.1f} %" if reference else "",
             f"`{fingerprint[:12]}`" if fingerprint else "",
         )

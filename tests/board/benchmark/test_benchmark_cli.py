@@ -76,7 +76,9 @@ def test_its_files_tell_the_same(done):
     assert "| bench_toys:Picky | - |" in text
     assert "0, 1 failed (incomplete)" in text
     assert "- bench_toys:Picky (equal-queries, one run): failed: Expected a budget of" in text
-    assert "| full set | " in text
+    attacked = text.partition("## What was attacked")[2]
+    assert "| full set | fooling set |" in attacked
+    assert len(re.findall(r"\| \d+\.\d % \| \d+\.\d % \|", attacked)) == 1
     assert "Training queries: 60; ideal none; random none." in text
 
 
