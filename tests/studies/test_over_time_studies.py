@@ -51,7 +51,7 @@ def test_few_queries_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert trees["false"] <= trees["named"]
     few_queries.measure("SADA-Digits-3-v0", ["random", "trees"], [50], [0])
     assert few_queries.read("SADA-Digits-3-v0") == rows
-    assert "| Digits-3 | 50 | " in few_queries.tables()
+    assert "| Digits-3 | 1 | 50 | " in few_queries.tables()
 
 
 @pytest.mark.parametrize("name", ANALYTIC)
