@@ -29,9 +29,9 @@ def differing(space: ParameterSpace, left: np.ndarray, right: np.ndarray) -> tup
 def headed(frame: Frame, lines: list[str], count: int) -> Frame:
     """Write `count` lines in place of a summary's text."""
     strip = Image.new("RGB", (frame.shape[1], count * LINE + 8), "white")
+    draw, face = ImageDraw.Draw(strip), font(TITLE, bold=True)
     for i, line in enumerate(lines):
-        draw = ImageDraw.Draw(strip)
-        draw.text((6, 4 + i * LINE), line, fill=INK_RGB, font=font(TITLE, bold=True))
+        draw.text((6, 4 + i * LINE), line, fill=INK_RGB, font=face)
     return np.vstack([np.asarray(strip), frame[HEAD:]])
 
 

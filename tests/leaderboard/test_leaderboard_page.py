@@ -54,7 +54,8 @@ def optuna(monkeypatch):
 
 def test_the_study_becomes_an_entry(tmp_path, monkeypatch, optuna):
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n([^`]*import optuna.*?)```", PAGE, re.DOTALL)
+    imports = "from sada_gym import Oracle\n\nimport numpy as np\nimport optuna"
+    (code,) = re.findall(rf"```python\n({imports}.*?)```", PAGE, re.DOTALL)
     code = code.replace("range(3)", "range(1)").replace("budget=1_000", "budget=260")
     exec(compile(code, "leaderboard.md", "exec"), {})
     joined = PAGE.replace("\\\n", "")

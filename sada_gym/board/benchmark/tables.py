@@ -289,8 +289,10 @@ def _coverages(by_track: _ByTrack) -> Iterator[str]:
 
 
 def _targets(results: Results) -> Iterator[str]:
-    before = ("track", "agent", "ε", "seeds", "reference points")
-    titles = (*before, "full set", "fooling set", "agent's SHA-256")
+    titles = (
+        *("track", "agent", "ε", "seeds", "reference points"),
+        *("full set", "fooling set", "agent's SHA-256"),
+    )
     lines = []
     for target in results.targets:
         reference, fingerprint = target.reference, target.application.fingerprint

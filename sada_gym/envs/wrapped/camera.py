@@ -42,9 +42,8 @@ class _FaultyPictures(Passing, ChangedObservations):
         moving = self.condition.name in _NEW_IN_EACH_PICTURE
         seed = (self._seed, self.time) if moving else (self._seed,)
         developed = load("sada_gym.envs.images.conditions:developed")
-        step = self.time - self.when.at if self.is_timed else max(self.time - self.lag, 0)
-        values = self.value if isinstance(self.value, tuple) else (self.value,)
-        values = tuple(now(value, step) for value in values)
+        given = self.value if isinstance(self.value, tuple) else (self.value,)
+        values = tuple(now(value, self.curve_step) for value in given)
         seen = developed(whole, (self.condition,), (values,), seed).image
         seen = seen[..., :1] if grey else seen
         seen = seen[..., 0] if flat else seen
@@ -79,7 +78,11 @@ class CameraFault(Timed, Sensor):
         if self.low is not None or self.high is not None:
             low, high = self._range(self.condition)
             first = replace(first, low=low, high=high)
-        return (*[first] * (self.knots or 1), *others)
+        return tuple(self._at_knots(first, *others))
+
+    def _at_knots(self, first: Any, *others: Any) -> list[Any]:
+        """Return the first parameter's at each knot, and the others'."""
+        return [*[first] * (self.knots or 1), *others]
 
     @property
     def _condition(self) -> Any:
@@ -132,8 +135,7 @@ class CameraFault(Timed, Sensor):
 
     def places(self, name: str, factory: EnvFactory, env: Env) -> list[float | None]:  # noqa: ARG002
         """Return the values in ordinary pictures."""
-        first, *others = self._condition.nominal
-        nominal = [*[first] * (self.knots or 1), *others]
+        nominal = self._at_knots(*self._condition.nominal)
         pairs = zip(self._parameters, nominal, strict=True)
         inside = [value if one.low <= value <= one.high else None for one, value in pairs]
         return [*inside, *self._middle_times.values()]

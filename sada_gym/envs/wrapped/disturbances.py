@@ -47,7 +47,12 @@ class EpisodeWrapper(gym.Wrapper[Any, Any, Any, Any]):
     def value(self) -> Any:
         """How much it disturbs at this step."""
         given = self._given
-        return given(max(self.time - self.lag, 0)) if isinstance(given, Profile) else given
+        return given(self.curve_step) if isinstance(given, Profile) else given
+
+    @property
+    def curve_step(self) -> int:
+        """The step of a curve whose value holds now."""
+        return max(self.time - self.lag, 0)
 
     @property
     def time(self) -> int:

@@ -41,9 +41,14 @@ class Passing(EpisodeWrapper):
     """Disturbs some steps of an episode."""
 
     def __init__(self, env: Env, value: Any, rng: Generator) -> None:
-        self.is_timed = isinstance(value, Occurrence)
-        self.when = value if self.is_timed else Occurrence(value, 0, np.iinfo(np.int64).max)
+        self._is_timed = isinstance(value, Occurrence)
+        self.when = value if self._is_timed else Occurrence(value, 0, np.iinfo(np.int64).max)
         super().__init__(env, self.when.value, rng)
+
+    @property
+    def curve_step(self) -> int:
+        """The step since it began; without times that of the episode."""
+        return self.time - self.when.at if self._is_timed else super().curve_step
 
     @property
     def active(self) -> bool:

@@ -222,7 +222,7 @@ def test_the_bare_program_of_the_page_serves_a_detector(bare_python, tmp_path, m
     page = PAGE.read_text(encoding="utf-8")
     (program,) = re.findall(r"```python\n(import contextlib, json.*?)```", page, re.S)
     (look,) = re.findall(r"```python\n(import numpy as np\n\n\ndef look.*?)```", page, re.S)
-    (old,) = re.findall(r"def act.*?\n(?=\n)", program, re.S)
+    (old,) = re.findall(r"def act.*?\n(?=KINDS)", program, re.S)
     for before, after in (
         (old, look),
         ('"name": "balancer-1"', '"name": "finder-1", "task": "detect"'),
