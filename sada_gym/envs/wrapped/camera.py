@@ -42,8 +42,8 @@ class _FaultyPictures(Passing, ChangedObservations):
         moving = self.condition.name in _NEW_IN_EACH_PICTURE
         seed = (self._seed, self.time) if moving else (self._seed,)
         developed = load("sada_gym.envs.images.conditions:developed")
-        given = self.value if isinstance(self.value, tuple) else (self.value,)
-        values = tuple(now(value, self.curve_step) for value in given)
+        of_fault = self.value if isinstance(self.value, tuple) else (self.value,)
+        values = tuple(now(value, self.curve_step) for value in of_fault)
         seen = developed(whole, (self.condition,), (values,), seed).image
         seen = seen[..., :1] if grey else seen
         seen = seen[..., 0] if flat else seen
